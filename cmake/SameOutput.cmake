@@ -1,0 +1,11 @@
+# Test script: the programs `expected` and `tested` succeed and print the same.
+foreach(program IN ITEMS expected tested)
+  execute_process(COMMAND ${${program}} OUTPUT_VARIABLE ${program}_output RESULT_VARIABLE result)
+  if(NOT result EQUAL 0)
+    message(FATAL_ERROR "${${program}}: ${result}")
+  endif()
+endforeach()
+if(NOT tested_output STREQUAL expected_output)
+  message(FATAL_ERROR "${tested}:\n${tested_output}\nbut ${expected}:\n${expected_output}")
+endif()
+message("${tested_output}")

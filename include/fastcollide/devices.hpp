@@ -1,0 +1,33 @@
+// What this machine can compute on.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace fastcollide {
+
+struct Device {
+  std::string name;         // as World takes it: "cpu", "cuda:0"
+  std::string description;  // the maker's name and what else tells it apart
+  std::int64_t memory_bytes = 0;
+};
+
+std::vector<Device> devices();
+
+struct BuildInfo {
+  std::string version, compiler;
+  std::string cuda;                // version of the toolkit, empty if built without
+  std::string cuda_architectures;  // as given to the build
+};
+
+BuildInfo build_info();
+
+// Copies from the memory of a CUDA device, after all work on it. Errors: DeviceError.
+void copy_to_host(void* host, const void* device, std::size_t bytes, int cuda_device);
+
+// A forked child process has none of its parent's threads; call this first in the child.
+void reset_after_fork();
+
+}  // namespace fastcollide

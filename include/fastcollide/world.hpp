@@ -1,0 +1,100 @@
+// A box of colliding spheres.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "fastcollide/errors.hpp"
+#include "fastcollide/spheres.hpp"
+
+namespace fastcollide {
+
+class Engine;
+
+enum class Solver { reference };
+
+struct WorldOptions {
+  std::array<float, 3> lower{-10, -10, 0}, upper{10, 10, 20};  // the box [m]
+  std::array<float, 3> gravity{0, 0, -9.8f};                    // [m/s²]
+  double drag = 0.06;             // v <- v exp(-drag dt) [1/s]
+  float floor_restitution = 0.6f; // of the lower z wall, 0 ... 1; the other walls use the sphere's own
+  float wall_friction = 0.0f;     // Coulomb coefficient of all walls
+  Solver solver = Solver::reference;
+  int iterations = 5;             // contact passes a frame
+  float cell_size = 0;            // edge of a grid cell [m]; 0: the smallest that misses no contact
+  std::string device = "auto";    // "auto", "cpu", "cuda", "cuda:N"
+  int threads = 0;                // of the CPU; 0: all
+  int block_size = 128;           // of CUDA, a multiple of 32 up to 1024; no result depends on it
+};
+
+// Memory of a world as seen from outside, in the order of the ids. It stays valid while `owner` is held; after add() it
+// may be an old copy.
+struct ArrayView {
+  void* data = nullptr;
+  std::int64_t rows = 0;
+  int columns = 0;       // 0: one-dimensional
+  int cuda_device = -1;  // -1: host memory
+  std::shared_ptr<void> owner;
+};
+
+struct ContactArrays {
+  ArrayView first, second;  // ids, int32, first < second, sorted by (first, second)
+  ArrayView gap;            // distance of the surfaces, negative in overlap, float32 [m]
+  ArrayView normal;         // from first to second, unit length, float32
+};
+
+struct Energy {
+  double kinetic = 0, potential = 0;  // [J]; potential is 0 at the lower corner of the box
+};
+
+class World {
+ public:
+  // Errors: InvalidValue, DeviceError.
+  explicit World(const WorldOptions& options);
+  ~World();
+  World(World&&) noexcept;
+  World& operator=(World&&) noexcept;
+
+  // Returns the id of the first new sphere; ids count up from 0. All or nothing: InvalidValue names field and index.
+  std::int64_t add(const Spheres& spheres);
+
+  // Runs frames of dt seconds. go_on is asked between frames and ends the run by returning false. Returns the number of
+  // frames done. Errors: InvalidValue when a number of the state was made invalid from outside, SimulationError when
+  // the simulation leaves its range, DeviceError.
+  std::int64_t step(std::int64_t frames, double dt, const std::function<bool()>& go_on = {});
+
+  std::int64_t count() const;
+  std::int64_t frame() const;       // frames done
+  double time() const;              // [s]
+  const std::string& device() const;
+  std::string device_description() const;
+  const WorldOptions& options() const;
+
+  ArrayView positions();     // (count, 3) float32 [m]
+  ArrayView velocities();    // (count, 3) float32 [m/s]
+  ArrayView radii();         // (count,) float32 [m]
+  ArrayView masses();        // (count,) float32 [kg]
+  ArrayView restitutions();  // (count,) float32
+
+  ContactArrays contacts();
+  std::int64_t contact_count();
+  Energy energy();
+  std::array<double, 3> momentum();  // [kg m/s]
+  float max_overlap();               // [m]
+  std::uint64_t state_hash();
+
+  // Seconds spent in each stage while timed; timing makes a GPU wait after each stage.
+  void set_timed(bool timed);
+  const std::map<std::string, double>& stage_times() const;
+
+ private:
+  WorldOptions options_;
+  std::unique_ptr<Engine> engine_;
+};
+
+}  // namespace fastcollide

@@ -1,0 +1,289 @@
+// Python's view of the C++ API: converts and checks, nothing more.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/map.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <algorithm>
+#include <chrono>
+#include <optional>
+
+#include "fastcollide/devices.hpp"
+#include "fastcollide/renderer.hpp"
+#include "fastcollide/world.hpp"
+#include "format_frame.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+using fastcollide::ArrayView;
+using Floats = nb::ndarray<const float, nb::c_contig, nb::device::cpu>;
+using Bytes = nb::ndarray<const std::uint8_t, nb::c_contig, nb::device::cpu>;
+
+// Errors are Python classes, so that they carry attributes and pickle.
+void raise(const char* name, const nb::object& arguments) {
+  const nb::object type = nb::module_::import_("fastcollide.errors").attr(name);
+  PyErr_SetObject(type.ptr(), arguments.ptr());
+}
+
+void translate(const std::exception_ptr& error, void*) {
+  try {
+    std::rethrow_exception(error);
+  } catch (const fastcollide::InvalidValue& e) {
+    const nb::object index = e.index() < 0 ? nb::none() : nb::cast(e.index());
+    raise("InvalidValue", nb::make_tuple(e.what(), e.field(), index));
+  } catch (const fastcollide::DeviceError& e) {
+    raise("DeviceError", nb::make_tuple(e.what()));
+  } catch (const fastcollide::SimulationError& e) {
+    raise("SimulationError", nb::make_tuple(e.what()));
+  } catch (const fastcollide::OutOfMemory& e) {
+    raise("OutOfMemory", nb::make_tuple(e.what()));
+  }
+}
+
+// The arrays share the world's memory and keep it alive.
+template <class T>
+nb::object share(const ArrayView& view) {
+  const std::size_t shape[2] = {static_cast<std::size_t>(view.rows), static_cast<std::size_t>(view.columns)};
+  const std::size_t dimensions = view.columns == 0 ? 1 : 2;
+  auto* held = new std::shared_ptr<void>(view.owner);
+  const nb::capsule owner(held, [](void* p) noexcept { delete static_cast<std::shared_ptr<void>*>(p); });
+  if (view.cuda_device < 0) {
+    return nb::cast(nb::ndarray<nb::numpy, T>(view.data, dimensions, shape, owner));
+  }
+  const nb::object inner = nb::cast(nb::ndarray<T>(view.data, dimensions, shape, owner, nullptr, nb::dtype<T>(),
+                                                   nb::device::cuda::value, view.cuda_device));
+  return nb::module_::import_("fastcollide.device_array")
+      .attr("DeviceArray")(inner, reinterpret_cast<std::uintptr_t>(view.data),
+                           dimensions == 1 ? nb::make_tuple(view.rows) : nb::make_tuple(view.rows, view.columns),
+                           std::is_same_v<T, float> ? "<f4" : "<i4", view.cuda_device);
+}
+
+nb::object own(std::vector<float>&& values, std::size_t columns) {
+  auto* held = new std::vector<float>(std::move(values));
+  const nb::capsule owner(held, [](void* p) noexcept { delete static_cast<std::vector<float>*>(p); });
+  const std::size_t shape[2] = {held->size() / std::max<std::size_t>(columns, 1), columns};
+  return nb::cast(nb::ndarray<nb::numpy, float>(held->data(), columns == 0 ? 1 : 2, shape, owner));
+}
+
+std::vector<float> copy_of(const Floats& array) { return {array.data(), array.data() + array.size()}; }
+
+// Asks Python for signals a few times a second, so that Ctrl-C ends a run between two frames.
+class SignalCheck {
+ public:
+  bool operator()() {
+    const auto now = std::chrono::steady_clock::now();
+    if (now < next_) return true;
+    next_ = now + std::chrono::milliseconds(50);
+    const nb::gil_scoped_acquire gil;
+    raised_ = PyErr_CheckSignals() != 0;
+    if (raised_) error_.emplace();  // takes the exception out of the interpreter until the run has ended
+    return !raised_;
+  }
+  void rethrow() {
+    if (raised_) throw std::move(*error_);
+  }
+
+ private:
+  std::chrono::steady_clock::time_point next_ = std::chrono::steady_clock::now();
+  std::optional<nb::python_error> error_;
+  bool raised_ = false;
+};
+
+template <class Work>
+auto without_gil(Work&& work) {
+  const nb::gil_scoped_release release;
+  return work();
+}
+
+void bind_world(nb::module_& m) {
+  using fastcollide::World;
+  using Three = std::array<float, 3>;
+  nb::class_<World>(m, "World")
+      .def(
+          "__init__",
+          [](World* self, const Three& lower, const Three& upper, const Three& gravity, double drag,
+             float floor_restitution, float wall_friction, int iterations, float cell_size, const std::string& device,
+             int threads, int block_size) {
+            fastcollide::WorldOptions options;
+            options.lower = lower;
+            options.upper = upper;
+            options.gravity = gravity;
+            options.drag = drag;
+            options.floor_restitution = floor_restitution;
+            options.wall_friction = wall_friction;
+            options.iterations = iterations;
+            options.cell_size = cell_size;
+            options.device = device;
+            options.threads = threads;
+            options.block_size = block_size;
+            new (self) World(options);
+          },
+          nb::kw_only(), "lower"_a, "upper"_a, "gravity"_a, "drag"_a, "floor_restitution"_a, "wall_friction"_a,
+          "iterations"_a, "cell_size"_a, "device"_a, "threads"_a, "block_size"_a)
+      .def(
+          "add",
+          [](World& world, const Floats& position, const Floats& velocity, const Floats& radius, const Floats& mass,
+             const Floats& restitution) {
+            const fastcollide::Spheres spheres{copy_of(position), copy_of(velocity), copy_of(radius), copy_of(mass),
+                                               copy_of(restitution)};
+            return without_gil([&] { return world.add(spheres); });
+          },
+          "position"_a, "velocity"_a, "radius"_a, "mass"_a, "restitution"_a)
+      .def(
+          "step",
+          [](World& world, std::int64_t frames, double dt) {
+            SignalCheck check;
+            without_gil([&] { return world.step(frames, dt, [&check] { return check(); }); });
+            check.rethrow();
+          },
+          "frames"_a, "dt"_a)
+      .def_prop_ro("count", &World::count)
+      .def_prop_ro("frame", &World::frame)
+      .def_prop_ro("time", &World::time)
+      .def_prop_ro("device", [](const World& world) { return world.device(); })
+      .def_prop_ro("device_name", &World::device_description)
+      .def_prop_ro("positions", [](World& world) { return share<float>(world.positions()); })
+      .def_prop_ro("velocities", [](World& world) { return share<float>(world.velocities()); })
+      .def_prop_ro("radii", [](World& world) { return share<float>(world.radii()); })
+      .def_prop_ro("masses", [](World& world) { return share<float>(world.masses()); })
+      .def_prop_ro("restitutions", [](World& world) { return share<float>(world.restitutions()); })
+      .def("contacts",
+           [](World& world) {
+             const fastcollide::ContactArrays found = without_gil([&] { return world.contacts(); });
+             return nb::make_tuple(share<std::int32_t>(found.first), share<std::int32_t>(found.second),
+                                   share<float>(found.gap), share<float>(found.normal));
+           })
+      .def("contact_count", &World::contact_count, nb::call_guard<nb::gil_scoped_release>())
+      .def("energy",
+           [](World& world) {
+             const fastcollide::Energy energy = without_gil([&] { return world.energy(); });
+             return nb::make_tuple(energy.kinetic, energy.potential);
+           })
+      .def("momentum", &World::momentum, nb::call_guard<nb::gil_scoped_release>())
+      .def("max_overlap", &World::max_overlap, nb::call_guard<nb::gil_scoped_release>())
+      .def("state_hash", &World::state_hash, nb::call_guard<nb::gil_scoped_release>())
+      .def("set_timed", &World::set_timed, "timed"_a)
+      .def_prop_ro("stage_times", &World::stage_times);
+}
+
+void bind_renderer(nb::module_& m) {
+  using fastcollide::Renderer;
+  using Three = std::array<float, 3>;
+  nb::class_<Renderer>(m, "Renderer")
+      .def(nb::init<const std::string&, int>(), "device"_a = "auto", "threads"_a = 0)
+      .def(
+          "draw",
+          [](Renderer& renderer, int width, int height, int supersampling, const Three& eye, const Three& target,
+             const Three& up, float tan_half_field, const Three& lower, const Three& upper, const Bytes& color_table,
+             float low, float high, const nb::ndarray<const float, nb::c_contig>& positions,
+             const nb::ndarray<const float, nb::c_contig>& radii, const nb::ndarray<const float, nb::c_contig>& values) {
+            const bool on_cuda = positions.device_type() == nb::device::cuda::value;
+            for (const auto* array : {&radii, &values}) {
+              if (array->size() * 3 != positions.size() || array->device_type() != positions.device_type()) {
+                throw nb::value_error("positions (n, 3), radii (n,) and values (n,) must agree in n and device");
+              }
+            }
+            fastcollide::Picture picture;
+            if (color_table.size() != picture.color_table.size()) throw nb::value_error("color_table must be (256, 3)");
+            picture.width = width;
+            picture.height = height;
+            picture.supersampling = supersampling;
+            picture.eye = eye;
+            picture.target = target;
+            picture.up = up;
+            picture.tan_half_field = tan_half_field;
+            picture.box_lower = lower;
+            picture.box_upper = upper;
+            std::copy_n(color_table.data(), color_table.size(), picture.color_table.begin());
+            picture.value_low = low;
+            picture.value_high = high;
+            const std::size_t pixels = std::size_t(std::max(width, 0)) * std::size_t(std::max(height, 0));
+            auto* rgb = new std::vector<std::uint8_t>(3 * pixels);
+            const nb::capsule owner(rgb, [](void* p) noexcept { delete static_cast<std::vector<std::uint8_t>*>(p); });
+            without_gil([&] {
+              renderer.draw(picture, static_cast<std::int64_t>(radii.size()), positions.data(), radii.data(),
+                            values.data(), on_cuda ? positions.device_id() : -1, rgb->data());
+            });
+            const std::size_t shape[3] = {std::size_t(height), std::size_t(width), 3};
+            return nb::cast(nb::ndarray<nb::numpy, std::uint8_t>(rgb->data(), 3, shape, owner));
+          },
+          "width"_a, "height"_a, "supersampling"_a, "eye"_a, "target"_a, "up"_a, "tan_half_field"_a, "lower"_a,
+          "upper"_a, "color_table"_a, "low"_a, "high"_a, "positions"_a, "radii"_a, "values"_a);
+}
+
+void bind_random(nb::module_& m) {
+  using Two = std::array<float, 2>;
+  using Three = std::array<float, 3>;
+  m.def(
+      "random_spheres",
+      [](std::int64_t count, const Three& lower, const Three& upper, std::uint64_t seed, const Two& radius,
+         const Three& speed, const Two& restitution, float density, const std::string& device) {
+        fastcollide::RandomSpheres random;
+        random.count = count;
+        random.lower = lower;
+        random.upper = upper;
+        random.seed = seed;
+        random.radius = radius;
+        random.speed = speed;
+        random.restitution = restitution;
+        random.density = density;
+        fastcollide::Spheres spheres = without_gil([&] { return fastcollide::random_spheres(random, device); });
+        return nb::make_tuple(own(std::move(spheres.position), 3), own(std::move(spheres.velocity), 3),
+                              own(std::move(spheres.radius), 0), own(std::move(spheres.mass), 0),
+                              own(std::move(spheres.restitution), 0));
+      },
+      "count"_a, "lower"_a, "upper"_a, "seed"_a, "radius"_a, "speed"_a, "restitution"_a, "density"_a, "device"_a);
+}
+
+void bind_machine(nb::module_& m) {
+  m.def("devices", [] {
+    nb::list found;
+    for (const fastcollide::Device& device : fastcollide::devices()) {
+      found.append(nb::make_tuple(device.name, device.description, device.memory_bytes));
+    }
+    return found;
+  });
+  m.def("build_info", [] {
+    const fastcollide::BuildInfo info = fastcollide::build_info();
+    return nb::make_tuple(info.version, info.compiler, info.cuda, info.cuda_architectures);
+  });
+  m.def(
+      "copy_to_host",
+      [](const nb::ndarray<nb::c_contig, nb::device::cuda>& array) {
+        auto* bytes = new std::vector<std::uint8_t>(array.nbytes());
+        const nb::capsule owner(bytes, [](void* p) noexcept { delete static_cast<std::vector<std::uint8_t>*>(p); });
+        without_gil([&] { fastcollide::copy_to_host(bytes->data(), array.data(), bytes->size(), array.device_id()); });
+        std::vector<std::size_t> shape(array.ndim());
+        for (std::size_t axis = 0; axis < shape.size(); ++axis) shape[axis] = array.shape(axis);
+        return nb::cast(nb::ndarray<nb::numpy>(bytes->data(), shape.size(), shape.data(), owner, nullptr, array.dtype()));
+      },
+      "array"_a);
+  m.def("reset_after_fork", &fastcollide::reset_after_fork);
+  m.def(
+      "format_frame",
+      [](std::int64_t frame, double time, const Floats& positions, const Floats& radii) {
+        if (positions.size() != 3 * radii.size()) throw nb::value_error("positions (n, 3) and radii (n,) must agree in n");
+        const std::string text = without_gil([&] {
+          return fastcollide::format_frame(frame, time, static_cast<std::int64_t>(radii.size()), positions.data(),
+                                           radii.data());
+        });
+        return nb::bytes(text.data(), text.size());
+      },
+      "frame"_a, "time"_a, "positions"_a, "radii"_a);
+}
+
+}  // namespace
+
+NB_MODULE(_core, m) {
+  m.doc() = "The engine of FastCollide. Use the package fastcollide; the names here may change.";
+  nb::register_exception_translator(translate);
+  bind_world(m);
+  bind_renderer(m);
+  bind_random(m);
+  bind_machine(m);
+}

@@ -1,0 +1,33 @@
+"""FastCollide: many colliding spheres on CPU and GPU, with the same bits on both."""
+
+from fastcollide.device_array import DeviceArray
+from fastcollide.devices import BuildInfo, Device, build_info, devices
+from fastcollide.errors import DeviceError, InvalidValue, OutOfMemory, SimulationError
+from fastcollide.frames import Frame, FrameError, read_frame, write_frame
+from fastcollide.spheres import Spheres, drag_from_damping, random_spheres
+from fastcollide.world import Contacts, Energy, World, to_numpy
+
+__version__ = build_info().version
+
+__all__ = [
+    "BuildInfo",
+    "Contacts",
+    "Device",
+    "DeviceArray",
+    "DeviceError",
+    "Energy",
+    "Frame",
+    "FrameError",
+    "InvalidValue",
+    "OutOfMemory",
+    "SimulationError",
+    "Spheres",
+    "World",
+    "build_info",
+    "devices",
+    "drag_from_damping",
+    "random_spheres",
+    "read_frame",
+    "to_numpy",
+    "write_frame",
+]

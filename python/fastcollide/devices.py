@@ -1,0 +1,42 @@
+"""What this machine and this build can do."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+from fastcollide import _core
+
+# A forked child (multiprocessing's way on Linux) has none of the threads of its parent.
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_core.reset_after_fork)
+
+
+@dataclass(frozen=True)
+class Device:
+    """name: as World takes it; description: the maker's name; memory_bytes: of the device."""
+
+    name: str
+    description: str
+    memory_bytes: int
+
+
+@dataclass(frozen=True)
+class BuildInfo:
+    """cuda: version of the CUDA toolkit, None if built without; cuda_architectures: as given to the build."""
+
+    version: str
+    compiler: str
+    cuda: str | None
+    cuda_architectures: str
+
+
+def devices() -> list[Device]:
+    """All devices of this machine: the CPU first, then each GPU that this build can use."""
+    return [Device(*device) for device in _core.devices()]
+
+
+def build_info() -> BuildInfo:
+    """Version, compiler and CUDA of this build."""
+    version, compiler, cuda, architectures = _core.build_info()
+    return BuildInfo(version, compiler, cuda or None, architectures)

@@ -1,0 +1,31 @@
+"""The errors that FastCollide raises."""
+
+from __future__ import annotations
+
+
+class InvalidValue(ValueError):  # noqa: N818 (a name for people, as in the documentation)
+    """An argument or a number of the state is outside its range.
+
+    field: name of the argument; index: which element of it, or None for a scalar. The message says what was found and
+    what is allowed.
+    """
+
+    def __init__(self, message: str, field: str, index: int | None = None) -> None:
+        super().__init__(message, field, index)
+        self.field = field
+        self.index = index
+
+    def __str__(self) -> str:
+        return self.args[0]
+
+
+class DeviceError(RuntimeError):
+    """The device asked for is not there, or it failed."""
+
+
+class SimulationError(RuntimeError):
+    """The simulation left the range in which it is exact; the message names the sphere and the frame."""
+
+
+class OutOfMemory(MemoryError):  # noqa: N818
+    """The device or the host has less memory than asked for."""

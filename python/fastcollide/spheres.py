@@ -1,0 +1,76 @@
+"""Spheres as arrays: what a world takes in, and the random start."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastcollide import _core
+from fastcollide.errors import InvalidValue
+
+Bounds = tuple[tuple[float, float, float], tuple[float, float, float]]
+DEFAULT_BOUNDS: Bounds = ((-10.0, -10.0, 0.0), (10.0, 10.0, 20.0))
+
+
+@dataclass(frozen=True)
+class Spheres:
+    """n spheres, float32 arrays in the order of their ids.
+
+    position [m], shape (n, 3); velocity [m/s], shape (n, 3); radius [m], mass [kg] and restitution, shape (n,).
+    """
+
+    position: NDArray[np.float32]
+    velocity: NDArray[np.float32]
+    radius: NDArray[np.float32]
+    mass: NDArray[np.float32]
+    restitution: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.radius)
+
+
+def random_spheres(
+    count: int,
+    bounds: Bounds = DEFAULT_BOUNDS,
+    seed: int = 1,
+    radius: tuple[float, float] = (0.05, 0.4),
+    speed: tuple[float, float, float] = (8.0, 8.0, 8.0),
+    restitution: tuple[float, float] = (0.3, 0.95),
+    density: float = 1000.0,
+    device: str = "cpu",
+) -> Spheres:
+    """The random start: the same bits for the same arguments, on every device.
+
+    Each number is uniform between its limits and drawn by Philox4x32-10 from (seed, id): sphere i is the same in a
+    world of ten as in a world of a million. Positions lie where the whole sphere is inside the bounds [m]; v_x and v_y
+    in ± the first two speeds, v_z from 0 to the third [m/s]; radius (smallest, largest) [m]; density [kg/m³] gives the
+    mass density · 4/3 π r³. `device` computes it: "cpu", "cuda" or "cuda:N".
+
+    Raises InvalidValue for an argument out of range, DeviceError where there is no such device.
+    """
+    if not 0 <= seed < 2**64:
+        raise InvalidValue(f"seed: found {seed}; allowed: 0 to 2^64 - 1", "seed")
+    lower, upper = corners(bounds)
+    return Spheres(*_core.random_spheres(count, lower, upper, seed, radius, speed, restitution, density, device))
+
+
+def corners(bounds: Bounds) -> tuple[list[float], list[float]]:
+    """The two corners of a box, or InvalidValue where they are not two times three numbers."""
+    box = np.asarray(bounds, dtype=np.float64)
+    if box.shape != (2, 3):
+        raise InvalidValue(
+            f"bounds: found an array of shape {box.shape}; allowed: ((x, y, z), (x, y, z)), the lower and the upper "
+            "corner [m]",
+            "bounds",
+        )
+    return box[0].tolist(), box[1].tolist()
+
+
+def drag_from_damping(damping: float, fps: float) -> float:
+    """The drag γ [1/s] whose exp(-γ/fps) is this damping factor per frame: γ = -ln(damping) · fps."""
+    if not 0 < damping <= 1:
+        raise InvalidValue(f"damping: found {damping}; allowed: more than 0, up to 1", "damping")
+    return -math.log(damping) * fps

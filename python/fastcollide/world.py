@@ -1,0 +1,295 @@
+"""The world: a box of colliding spheres on one device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fastcollide import _core
+from fastcollide.errors import InvalidValue
+from fastcollide.spheres import DEFAULT_BOUNDS, Bounds, Spheres, corners
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Overlapping pairs, first < second, sorted by (first, second), on the world's device.
+
+    first, second: ids, int32, shape (n,); gap: distance of the surfaces, negative in overlap [m], shape (n,);
+    normal: unit vectors from first to second, shape (n, 3).
+    """
+
+    first: Any
+    second: Any
+    gap: Any
+    normal: Any
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+
+class Energy(NamedTuple):
+    """Kinetic and potential energy [J]; the potential is 0 at the lower corner of the box."""
+
+    kinetic: float
+    potential: float
+
+    @property
+    def total(self) -> float:
+        return self.kinetic + self.potential
+
+
+class World:
+    """Spheres that fall, collide and bounce in a box.
+
+    bounds: lower and upper corner of the box [m]; gravity [m/s²]; drag γ [1/s]: v ← v·exp(−γ·dt) each frame;
+    floor_restitution: 0 to 1, of the lower z wall (the other five walls use the sphere's own); wall_friction: Coulomb
+    coefficient of all walls; solver: "reference"; iterations: contact passes a frame; cell_size: edge of a grid cell
+    [m], at least the largest diameter (None: as small as that allows; no result depends on it); device: "cpu", "cuda",
+    "cuda:N" or "auto" (a GPU if there is one, see `device`); threads: of the CPU (None: all).
+
+    The state after k frames is a function of the scene alone: the same bits on every device, at any number of threads.
+
+    Raises InvalidValue for an argument out of range, DeviceError where there is no such device.
+    """
+
+    def __init__(
+        self,
+        bounds: Bounds = DEFAULT_BOUNDS,
+        gravity: tuple[float, float, float] = (0.0, 0.0, -9.8),
+        drag: float = 0.06,
+        floor_restitution: float = 0.6,
+        wall_friction: float = 0.0,
+        solver: str = "reference",
+        iterations: int = 5,
+        cell_size: float | None = None,
+        device: str = "auto",
+        threads: int | None = None,
+        *,
+        block_size: int = 128,
+    ) -> None:
+        if solver != "reference":
+            raise InvalidValue(f'solver: found "{solver}"; allowed: "reference"', "solver")
+        if cell_size is not None and not cell_size > 0:
+            raise InvalidValue(f"cell_size: found {cell_size}; allowed: more than 0 [m], or None", "cell_size")
+        lower, upper = corners(bounds)
+        self.bounds: Bounds = (tuple(lower), tuple(upper))
+        self.solver = solver
+        self._timed = False
+        self._world = _core.World(
+            lower=lower,
+            upper=upper,
+            gravity=_three("gravity", gravity),
+            drag=drag,
+            floor_restitution=floor_restitution,
+            wall_friction=wall_friction,
+            iterations=iterations,
+            cell_size=cell_size or 0.0,
+            device=device,
+            threads=threads or 0,
+            block_size=block_size,
+        )
+
+    def add(
+        self,
+        spheres: Spheres | None = None,
+        *,
+        position: ArrayLike | None = None,
+        radius: ArrayLike | None = None,
+        velocity: ArrayLike = (0.0, 0.0, 0.0),
+        density: ArrayLike = 1000.0,
+        mass: ArrayLike | None = None,
+        restitution: ArrayLike = 0.6,
+    ) -> NDArray[np.int32]:
+        """Adds spheres and returns their ids, int32, shape (n,); ids count up from 0.
+
+        Either Spheres or the arrays by name: position [m] and velocity [m/s], shape (n, 3) or (3,); radius [m],
+        density [kg/m³] or mass [kg], and restitution 0 to 1, shape (n,) or one number for all. Arrays of a GPU are
+        copied.
+
+        All or nothing. Raises InvalidValue, with field and index, for a number out of range or a wrong shape;
+        OutOfMemory where the device is too small.
+        """
+        if spheres is None:
+            if position is None or radius is None:
+                missing = "position" if position is None else "radius"
+                raise InvalidValue(f"{missing}: found None; allowed: an array (or give Spheres)", missing)
+            spheres = _spheres(position, radius, velocity, density, mass, restitution)
+        first = self._world.add(
+            spheres.position, spheres.velocity, spheres.radius, spheres.mass, spheres.restitution
+        )
+        return np.arange(first, first + len(spheres), dtype=np.int32)
+
+    def step(self, frames: int = 1, dt: float = 1 / 60) -> None:
+        """Simulates frames of dt seconds each. Ctrl-C ends it between two frames.
+
+        Raises InvalidValue where an array was written with numbers out of range, SimulationError where the simulation
+        leaves its range (the message names the sphere and the frame), DeviceError where the device fails.
+        """
+        self._world.step(frames, dt)
+
+    def __len__(self) -> int:
+        return self._world.count
+
+    def __repr__(self) -> str:
+        return f"World({len(self)} spheres, frame {self.frame}, time {self.time:g} s, on {self.device})"
+
+    @property
+    def frame(self) -> int:
+        """Frames simulated so far."""
+        return self._world.frame
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self._world.time
+
+    @property
+    def device(self) -> str:
+        """Where the world lives: "cpu" or "cuda:N"."""
+        return self._world.device
+
+    @property
+    def device_name(self) -> str:
+        """The maker's name of the device."""
+        return self._world.device_name
+
+    @property
+    def positions(self) -> Any:
+        """Positions [m], float32, shape (n, 3), in id order: the world's own memory, to read and to write.
+
+        A NumPy array on the CPU, a DeviceArray on a GPU. After add() it may be an old copy: ask again.
+        """
+        return self._world.positions
+
+    @property
+    def velocities(self) -> Any:
+        """Velocities [m/s], float32, shape (n, 3); see positions."""
+        return self._world.velocities
+
+    @property
+    def radii(self) -> Any:
+        """Radii [m], float32, shape (n,); see positions."""
+        return self._world.radii
+
+    @property
+    def masses(self) -> Any:
+        """Masses [kg], float32, shape (n,); see positions."""
+        return self._world.masses
+
+    @property
+    def restitutions(self) -> Any:
+        """Restitution of each sphere, float32, shape (n,); a pair uses the smaller of its two. See positions."""
+        return self._world.restitutions
+
+    def contacts(self) -> Contacts:
+        """All overlapping pairs of the present state: d² < (r₁ + r₂)² as decided in double precision.
+
+        Raises OutOfMemory where the list does not fit on the device.
+        """
+        return Contacts(*self._world.contacts())
+
+    def contact_count(self) -> int:
+        """Number of overlapping pairs, without the list of them."""
+        return self._world.contact_count()
+
+    def energy(self) -> Energy:
+        """Energy of all spheres [J], as an exact sum: the same bits on every device."""
+        return Energy(*self._world.energy())
+
+    def momentum(self) -> NDArray[np.float64]:
+        """Momentum of all spheres [kg m/s], shape (3,), as an exact sum."""
+        return np.array(self._world.momentum())
+
+    def max_overlap(self) -> float:
+        """The deepest overlap of two spheres [m]."""
+        return self._world.max_overlap()
+
+    def state_hash(self) -> int:
+        """64 bits that cover every number of the state in id order; equal states have equal hashes on every device."""
+        return self._world.state_hash()
+
+    @property
+    def timed(self) -> bool:
+        """Whether stage_times grows. Timing makes a GPU wait after each stage."""
+        return self._timed
+
+    @timed.setter
+    def timed(self, timed: bool) -> None:
+        self._timed = timed
+        self._world.set_timed(timed)
+
+    @property
+    def stage_times(self) -> dict[str, float]:
+        """Seconds spent in each stage while timed: "advance", "build_grid", "solve_contacts"."""
+        return self._world.stage_times
+
+
+def to_numpy(array: Any) -> NDArray[Any]:
+    """A NumPy array of any array here or on a GPU: shared if it is on the host, else copied."""
+    if isinstance(array, np.ndarray):
+        return array
+    device_type = array.__dlpack_device__()[0] if hasattr(array, "__dlpack_device__") else 1
+    if device_type == 1:
+        return np.asarray(array)
+    return np.asarray(_core.copy_to_host(array))
+
+
+def _three(field: str, value: ArrayLike) -> list[float]:
+    numbers = np.asarray(value, dtype=np.float64)
+    if numbers.shape != (3,):
+        raise InvalidValue(f"{field}: found an array of shape {numbers.shape}; allowed: three numbers", field)
+    return numbers.tolist()
+
+
+def _spheres(
+    position: ArrayLike,
+    radius: ArrayLike,
+    velocity: ArrayLike,
+    density: ArrayLike,
+    mass: ArrayLike | None,
+    restitution: ArrayLike,
+) -> Spheres:
+    position = _numbers("position", position)
+    radius = _numbers("radius", radius)
+    count = len(position) if position.ndim == 2 else len(radius) if radius.ndim == 1 else 1
+    radius = _broadcast("radius", radius, (count,))
+    if mass is None:
+        volume = np.float32(4.18879020) * (radius * radius * radius)
+        density = _broadcast("density", _numbers("density", density), (count,))
+        bad = np.flatnonzero(~(density > 0) | ~np.isfinite(density))
+        if bad.size:
+            i = int(bad[0])
+            raise InvalidValue(
+                f"density[{i}]: found {density[i]:g}; allowed: a finite number above 0 [kg/m³]", "density", i
+            )
+        weights = density * volume
+    else:
+        weights = _broadcast("mass", _numbers("mass", mass), (count,))
+    return Spheres(
+        position=_broadcast("position", position, (count, 3)),
+        velocity=_broadcast("velocity", _numbers("velocity", velocity), (count, 3)),
+        radius=radius,
+        mass=weights,
+        restitution=_broadcast("restitution", _numbers("restitution", restitution), (count,)),
+    )
+
+
+def _numbers(field: str, value: Any) -> NDArray[np.float32]:
+    array = to_numpy(value) if hasattr(value, "__dlpack_device__") else np.asarray(value)
+    if array.dtype.kind not in "fiu":
+        raise InvalidValue(f"{field}: found an array of {array.dtype}; allowed: numbers", field)
+    with np.errstate(over="ignore"):  # what does not fit becomes infinite, and infinite is refused by name
+        return array.astype(np.float32, copy=False)
+
+
+def _broadcast(field: str, array: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    try:
+        return np.ascontiguousarray(np.broadcast_to(array, shape))
+    except ValueError:
+        raise InvalidValue(
+            f"{field}: found an array of shape {array.shape}; allowed: shape {shape}, or one that broadcasts to it",
+            field,
+        ) from None

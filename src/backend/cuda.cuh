@@ -1,0 +1,206 @@
+// The backend on one NVIDIA GPU: everything runs in order on a stream of its own.
+#pragma once
+
+#include <cuda_runtime.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <cub/device/device_radix_sort.cuh>
+#include <cub/device/device_reduce.cuh>
+#include <cub/device/device_scan.cuh>
+#include <memory>
+#include <string>
+#include <thrust/iterator/counting_iterator.h>
+#include <type_traits>
+
+#include "../math.hpp"
+#include "concept.hpp"
+#include "fastcollide/errors.hpp"
+
+namespace fastcollide {
+
+inline void check(cudaError_t status, const char* what) {
+  if (status == cudaSuccess) return;
+  cudaGetLastError();  // an error that is not sticky must not surface in someone else's call
+  throw DeviceError(std::string(what) + ": " + cudaGetErrorString(status));
+}
+
+// The calling thread's current device belongs to the host program: it is put back.
+class OnDevice {
+ public:
+  explicit OnDevice(int device) {
+    check(cudaGetDevice(&before_), "cudaGetDevice");
+    if (before_ != device) check(cudaSetDevice(device), "cudaSetDevice");
+  }
+  ~OnDevice() { cudaSetDevice(before_); }
+  OnDevice(const OnDevice&) = delete;
+  OnDevice& operator=(const OnDevice&) = delete;
+
+ private:
+  int before_ = 0;
+};
+
+inline std::shared_ptr<void> allocate_on_device(int device, std::size_t bytes) {
+  const OnDevice on(device);
+  void* memory = nullptr;
+  const cudaError_t status = cudaMalloc(&memory, std::max<std::size_t>(bytes, 1));
+  if (status == cudaErrorMemoryAllocation) {
+    cudaGetLastError();
+    std::size_t free = 0, total = 0;
+    cudaMemGetInfo(&free, &total);
+    throw OutOfMemory("out of memory on cuda:" + std::to_string(device) + ": " + std::to_string(bytes) +
+                      " bytes more are needed, " + std::to_string(free) + " of " + std::to_string(total) +
+                      " are free");
+  }
+  check(status, "cudaMalloc");
+  return {memory, [](void* p) { cudaFree(p); }};
+}
+
+template <class F>
+__global__ void run_for_each(std::int64_t n, F f) {
+  const std::int64_t i = std::int64_t(blockIdx.x) * blockDim.x + threadIdx.x;
+  if (i < n) f(i);
+}
+
+class CudaBackend {
+ public:
+  template <class T>
+  class Buffer {
+    static_assert(std::is_trivially_copyable_v<T>);
+
+   public:
+    explicit Buffer(CudaBackend& backend) : device_(backend.device_), stream_(backend.stream_) {}
+    Buffer(Buffer&&) noexcept = default;
+    Buffer& operator=(Buffer&&) noexcept = default;
+    T* data() { return static_cast<T*>(memory_.get()); }
+    const T* data() const { return static_cast<const T*>(memory_.get()); }
+    std::int64_t size() const { return size_; }
+    std::shared_ptr<void> share() const { return memory_; }
+
+    void resize(std::int64_t count) {
+      if (count > capacity_) {
+        // A first size is exact: a hundred million spheres must fit.
+        const std::int64_t capacity = capacity_ == 0 ? count : std::max(count, capacity_ + capacity_ / 2);
+        std::shared_ptr<void> memory = allocate_on_device(device_, static_cast<std::size_t>(capacity) * sizeof(T));
+        if (size_ > 0) {
+          check(cudaMemcpyAsync(memory.get(), memory_.get(), static_cast<std::size_t>(size_) * sizeof(T),
+                                cudaMemcpyDeviceToDevice, stream_.get()),
+                "cudaMemcpyAsync");
+          check(cudaStreamSynchronize(stream_.get()), "cudaStreamSynchronize");
+        }
+        memory_ = std::move(memory);
+        capacity_ = capacity;
+      }
+      size_ = count;
+    }
+
+   private:
+    int device_;
+    std::shared_ptr<CUstream_st> stream_;
+    std::shared_ptr<void> memory_;
+    std::int64_t size_ = 0, capacity_ = 0;
+  };
+
+  static constexpr std::int64_t frames_between_checks = 16;
+
+  explicit CudaBackend(int device, int block_size = 128) : device_(device), block_size_(block_size) {
+    const OnDevice on(device_);
+    cudaStream_t stream = nullptr;
+    check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "cudaStreamCreate");
+    stream_.reset(stream, [](cudaStream_t s) { cudaStreamDestroy(s); });
+  }
+
+  int cuda_device() const { return device_; }
+
+  template <class F>
+  void for_each(std::int64_t n, const F& f) {
+    if (n == 0) return;
+    const OnDevice on(device_);
+    const std::int64_t blocks = (n + block_size_ - 1) / block_size_;
+    run_for_each<<<static_cast<unsigned>(blocks), static_cast<unsigned>(block_size_), 0, stream_.get()>>>(n, f);
+    check(cudaGetLastError(), "kernel launch");
+  }
+
+  template <class F, class T, class Operation>
+  T transform_reduce(std::int64_t n, const F& f, T identity, Operation combine) {
+    if (n == 0) return identity;
+    const OnDevice on(device_);
+    Buffer<T> result(*this);
+    result.resize(1);
+    with_scratch("reduce", [&](void* scratch, std::size_t& bytes) {
+      return cub::DeviceReduce::TransformReduce(scratch, bytes, thrust::counting_iterator<std::int64_t>(0),
+                                                result.data(), n, combine, f, identity, stream_.get());
+    });
+    T value = identity;
+    copy_to_host(&value, static_cast<const T*>(result.data()), 1);
+    return value;
+  }
+
+  void exclusive_scan(std::int64_t* counts, std::int64_t n) {
+    const OnDevice on(device_);
+    fill_zero(counts + n, 1);
+    with_scratch("scan", [&](void* scratch, std::size_t& bytes) {
+      return cub::DeviceScan::ExclusiveSum(scratch, bytes, counts, counts, n + 1, stream_.get());
+    });
+  }
+
+  void sort_pairs(const std::uint32_t* keys_in, std::uint32_t* keys_out, const std::uint32_t* values_in,
+                  std::uint32_t* values_out, std::int64_t n, int bits) {
+    const OnDevice on(device_);
+    with_scratch("sort", [&](void* scratch, std::size_t& bytes) {
+      return cub::DeviceRadixSort::SortPairs(scratch, bytes, keys_in, keys_out, values_in, values_out, n, 0,
+                                             std::max(bits, 1), stream_.get());
+    });
+  }
+
+  template <class T>
+  void fill_zero(T* data, std::int64_t n) {
+    if (n == 0) return;
+    const OnDevice on(device_);
+    check(cudaMemsetAsync(data, 0, static_cast<std::size_t>(n) * sizeof(T), stream_.get()), "cudaMemset");
+  }
+  template <class T>
+  void copy_to_device(T* device, const T* host, std::int64_t n) {
+    copy(device, host, n, cudaMemcpyHostToDevice);
+  }
+  template <class T>
+  void copy_to_host(T* host, const T* device, std::int64_t n) {
+    copy(host, device, n, cudaMemcpyDeviceToHost);
+    const OnDevice on(device_);
+    check(cudaStreamSynchronize(stream_.get()), "cuda");
+  }
+  // Waits for the user's work on this device too: it may write to arrays that they share with the world.
+  void synchronize() {
+    const OnDevice on(device_);
+    check(cudaDeviceSynchronize(), "cuda");
+  }
+
+ private:
+  template <class T>
+  void copy(T* to, const T* from, std::int64_t n, cudaMemcpyKind kind) {
+    if (n == 0) return;
+    const OnDevice on(device_);
+    check(cudaMemcpyAsync(to, from, static_cast<std::size_t>(n) * sizeof(T), kind, stream_.get()), "cudaMemcpy");
+  }
+
+  // CUB asks how much scratch it wants, then works. The scratch is kept: a frame allocates nothing.
+  template <class Call>
+  void with_scratch(const char* what, const Call& call) {
+    std::size_t bytes = 0;
+    check(call(nullptr, bytes), what);
+    bytes = std::max<std::size_t>(bytes, 1);
+    if (bytes > scratch_bytes_) {
+      synchronize();
+      scratch_ = allocate_on_device(device_, bytes);
+      scratch_bytes_ = bytes;
+    }
+    check(call(scratch_.get(), bytes), what);
+  }
+
+  int device_, block_size_;
+  std::shared_ptr<CUstream_st> stream_;
+  std::shared_ptr<void> scratch_;
+  std::size_t scratch_bytes_ = 0;
+};
+
+}  // namespace fastcollide

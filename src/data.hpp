@@ -1,0 +1,116 @@
+// All that flows from stage to stage.
+#pragma once
+
+#include "backend/concept.hpp"
+#include "physics/cell.hpp"
+
+namespace fastcollide {
+
+// The state, in the order of the ids: what users see and what state_hash() covers.
+template <Backend B>
+struct Bodies {
+  explicit Bodies(B& backend)
+      : positions(backend), velocities(backend), radii(backend), masses(backend), restitutions(backend) {}
+
+  std::int64_t count() const { return radii.size(); }
+  void resize(std::int64_t count) {
+    positions.resize(count);
+    velocities.resize(count);
+    radii.resize(count);
+    masses.resize(count);
+    restitutions.resize(count);
+  }
+
+  typename B::template Buffer<Vec3> positions;     // [m]
+  typename B::template Buffer<Vec3> velocities;    // [m/s]
+  typename B::template Buffer<float> radii;        // [m]
+  typename B::template Buffer<float> masses;       // [kg]
+  typename B::template Buffer<float> restitutions; // 0 ... 1
+};
+
+// Spheres sorted by (cell, id). A slot is a place in that order; the state is copied there, so that a stage reads one
+// buffer (the slots) and writes the other (the bodies).
+template <Backend B>
+struct Grid {
+  explicit Grid(B& backend)
+      : unsorted_cells(backend), unsorted_ids(backend), cells(backend), ids(backend), cell_start(backend),
+        cell_end(backend), position_radius(backend), velocity_restitution(backend), masses(backend) {}
+
+  GridShape shape{};
+  typename B::template Buffer<std::uint32_t> unsorted_cells, unsorted_ids;
+  typename B::template Buffer<std::uint32_t> cells, ids;            // of each slot
+  typename B::template Buffer<std::uint32_t> cell_start, cell_end;  // slots of each cell: [start, end)
+  typename B::template Buffer<Vec4> position_radius, velocity_restitution;
+  typename B::template Buffer<float> masses;
+};
+
+// The slots as a stage reads them.
+struct GridView {
+  GridShape shape;
+  std::int64_t count;
+  const std::uint32_t* ids;
+  const std::uint32_t* cell_start;
+  const std::uint32_t* cell_end;
+  const Vec4* position_radius;
+  const Vec4* velocity_restitution;
+  const float* masses;
+};
+
+template <Backend B>
+GridView view_of(const Grid<B>& grid) {
+  return {grid.shape,
+          grid.ids.size(),
+          grid.ids.data(),
+          grid.cell_start.data(),
+          grid.cell_end.data(),
+          grid.position_radius.data(),
+          grid.velocity_restitution.data(),
+          grid.masses.data()};
+}
+
+// Calls visit(other) for each other slot in the 27 cells around the position.
+template <class Visit>
+FC_HOST_DEVICE inline void visit_neighbor_cells(const GridView& grid, std::int64_t slot, Vec3 position, Visit& visit) {
+  const Vec3i center = cell_of(position, grid.shape);
+  for (int dz = -1; dz <= 1; ++dz) {
+    const int z = center.z + dz;
+    if (z < 0 || z >= grid.shape.cells.z) continue;
+    for (int dy = -1; dy <= 1; ++dy) {
+      const int y = center.y + dy;
+      if (y < 0 || y >= grid.shape.cells.y) continue;
+      for (int dx = -1; dx <= 1; ++dx) {
+        const int x = center.x + dx;
+        if (x < 0 || x >= grid.shape.cells.x) continue;
+        const std::uint32_t cell = cell_hash({x, y, z}, grid.shape);
+        const std::uint32_t end = grid.cell_end[cell];
+        for (std::uint32_t other = grid.cell_start[cell]; other < end; ++other) {
+          if (other != slot) visit(other);
+        }
+      }
+    }
+  }
+}
+
+// Overlapping pairs, first < second, sorted by (first, second).
+template <Backend B>
+struct Contacts {
+  explicit Contacts(B& backend)
+      : offsets(backend), first(backend), second(backend), gap(backend), normal(backend) {}
+
+  typename B::template Buffer<std::int64_t> offsets;        // of each sphere as first, one more than spheres
+  typename B::template Buffer<std::uint32_t> first, second; // ids
+  typename B::template Buffer<float> gap;                   // distance of the surfaces, negative in overlap [m]
+  typename B::template Buffer<Vec3> normal;                 // from first to second
+};
+
+// The first thing that went wrong in a run, as one word that atomic_min can keep: the earliest frame, then the smallest
+// id, whatever thread saw it first.
+enum class FaultKind : std::uint8_t { not_finite = 1, out_of_range = 2, too_many_contacts = 3 };
+
+inline constexpr std::uint64_t no_fault = ~std::uint64_t(0);
+
+FC_HOST_DEVICE inline std::uint64_t fault_word(std::uint32_t frame, std::uint32_t id, FaultKind kind) {
+  return (std::uint64_t(frame & 0xFFFFFFu) << 40) | (std::uint64_t(id) << 8) | std::uint64_t(kind);
+}
+
+}  // namespace fastcollide

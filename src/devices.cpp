@@ -1,0 +1,92 @@
+// Which devices there are, and which one a name means.
+#include "device_choice.hpp"
+
+#include <fstream>
+
+#include "backend/thread_pool.hpp"
+#include "build_info.hpp"
+#include "engine.hpp"
+
+#if defined(_WIN32)
+#define NOMINMAX
+#include <windows.h>
+#elif defined(__linux__) || defined(__APPLE__)
+#include <unistd.h>
+#endif
+
+namespace fastcollide {
+namespace {
+
+std::int64_t host_memory_bytes() {
+#if defined(_WIN32)
+  MEMORYSTATUSEX status{};
+  status.dwLength = sizeof status;
+  return GlobalMemoryStatusEx(&status) ? static_cast<std::int64_t>(status.ullTotalPhys) : 0;
+#elif defined(__linux__) || defined(__APPLE__)
+  return static_cast<std::int64_t>(sysconf(_SC_PHYS_PAGES)) * sysconf(_SC_PAGESIZE);
+#else
+  return 0;
+#endif
+}
+
+std::string processor_name() {
+  std::ifstream information("/proc/cpuinfo");  // elsewhere the file is absent and the name stays general
+  for (std::string line; std::getline(information, line);) {
+    const std::size_t colon = line.find(": ");
+    if (line.rfind("model name", 0) == 0 && colon != std::string::npos) return line.substr(colon + 2);
+  }
+  return "CPU";
+}
+
+std::string names_of(const std::vector<Device>& found) {
+  std::string names;
+  for (const Device& device : found) names += (names.empty() ? "\"" : ", \"") + device.name + "\"";
+  return names;
+}
+
+}  // namespace
+
+std::string cpu_description(int threads) {
+  return processor_name() + " (" + std::to_string(threads) + (threads == 1 ? " thread)" : " threads)");
+}
+
+std::vector<Device> devices() {
+  std::vector<Device> found{{"cpu", cpu_description(hardware_threads()), host_memory_bytes()}};
+  for (Device& device : cuda_devices()) found.push_back(std::move(device));
+  return found;
+}
+
+int choose_device(const std::string& name) {
+  if (name == "cpu") return cpu_device;
+  const std::vector<Device> found = devices();
+  if (name == "auto") return found.size() > 1 ? 0 : cpu_device;
+  if (name == "cuda" && found.size() > 1) return 0;
+  for (std::size_t i = 1; i < found.size(); ++i) {
+    if (found[i].name == name) return static_cast<int>(i) - 1;
+  }
+  const bool is_cuda = name == "cuda" || (name.rfind("cuda:", 0) == 0 && name.size() > 5 &&
+                                          name.find_first_not_of("0123456789", 5) == std::string::npos);
+  if (!is_cuda) throw InvalidValue("device", -1, "\"" + name + "\"", "\"auto\", \"cpu\", \"cuda\" or \"cuda:N\"");
+  throw DeviceError("device \"" + name + "\" is not there: " +
+                    (build_info().cuda.empty() ? "this build has no CUDA; " : "") + "found " + names_of(found));
+}
+
+int choose_threads(int threads) {
+  constexpr int most_threads = 1024;
+  if (threads < 0 || threads > most_threads) {
+    throw InvalidValue("threads", -1, std::to_string(threads), "1 to 1024, or 0 for all");
+  }
+  return threads == 0 ? std::min(hardware_threads(), most_threads) : threads;
+}
+
+BuildInfo build_info() {
+  return {build::version, build::compiler, build::cuda, build::cuda_architectures};
+}
+
+void copy_to_host(void* host, const void* device, std::size_t bytes, int cuda_device) {
+  cuda_copy_to_host(host, device, bytes, cuda_device);
+}
+
+void reset_after_fork() { forget_threads_after_fork(); }
+
+}  // namespace fastcollide

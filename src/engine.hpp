@@ -1,0 +1,200 @@
+// A world on one backend, behind an interface that knows none.
+#pragma once
+
+#include <cmath>
+
+#include "fastcollide/devices.hpp"
+#include "fastcollide/renderer.hpp"
+#include "fastcollide/world.hpp"
+#include "grid_shape.hpp"
+#include "stages/check_state.hpp"
+#include "stages/measure.hpp"
+#include "stages/random_start.hpp"
+#include "step.hpp"
+
+namespace fastcollide {
+
+class Engine {
+ public:
+  virtual ~Engine() = default;
+  virtual void append(const Spheres& spheres) = 0;
+  virtual std::int64_t step(std::int64_t frames, double dt, const std::function<bool()>& go_on) = 0;
+  virtual std::int64_t count() const = 0;
+  virtual ArrayView array(Field field) = 0;
+  virtual ContactArrays contacts() = 0;
+  virtual std::int64_t contact_count() = 0;
+  virtual Ledger ledger() = 0;
+  virtual float max_overlap() = 0;
+  virtual std::uint64_t state_hash() = 0;
+
+  std::string device_name;
+  std::int64_t frame = 0;
+  double time = 0;
+  StageTimer timer;
+};
+
+class RendererEngine {
+ public:
+  virtual ~RendererEngine() = default;
+  virtual void draw(const Picture& picture, std::int64_t count, const float* positions, const float* radii,
+                    const float* values, int cuda_device, std::uint8_t* rgb) = 0;
+};
+
+// One of each in step_cpu.cpp; those of CUDA in step_cuda.cu or, as errors, in no_cuda.cpp.
+std::unique_ptr<Engine> make_cpu_engine(const WorldOptions& options, int threads);
+std::unique_ptr<Engine> make_cuda_engine(const WorldOptions& options, int device);
+std::unique_ptr<RendererEngine> make_cpu_renderer(int threads);
+std::unique_ptr<RendererEngine> make_cuda_renderer(int device);
+Spheres cpu_random_spheres(const RandomSpheres& random);
+Spheres cuda_random_spheres(const RandomSpheres& random, int device);
+std::vector<Device> cuda_devices();
+void cuda_copy_to_host(void* host, const void* device, std::size_t bytes, int cuda_device);
+
+inline Vec3 vector_of(const std::array<float, 3>& a) { return {a[0], a[1], a[2]}; }
+
+template <Backend B>
+class EngineOn final : public Engine {
+ public:
+  EngineOn(const WorldOptions& options, B backend) : options_(options), backend_(std::move(backend)) {
+    fault_.resize(1);
+  }
+
+  void append(const Spheres& spheres) override {
+    const std::int64_t before = count(), added = static_cast<std::int64_t>(spheres.radius.size());
+    try {
+      bodies_.resize(before + added);
+    } catch (...) {
+      bodies_.resize(before);  // some arrays had grown already
+      throw;
+    }
+    const auto write = [&](auto& buffer, const std::vector<float>& from, int columns) {
+      backend_.copy_to_device(reinterpret_cast<float*>(buffer.data() + before), from.data(), added * columns);
+    };
+    write(bodies_.positions, spheres.position, 3);
+    write(bodies_.velocities, spheres.velocity, 3);
+    write(bodies_.radii, spheres.radius, 1);
+    write(bodies_.masses, spheres.mass, 1);
+    write(bodies_.restitutions, spheres.restitution, 1);
+    backend_.synchronize();
+  }
+
+  std::int64_t step(std::int64_t frames, double dt, const std::function<bool()>& go_on) override {
+    shape_grid();
+    FrameParameters parameters{flight_for(dt, vector_of(options_.gravity), options_.drag),
+                               box(),
+                               {options_.floor_restitution, options_.wall_friction},
+                               options_.iterations,
+                               solver_scales(largest_radius_, static_cast<float>(dt)),
+                               0};
+    for (std::int64_t done = 0; done < frames;) {
+      if (go_on && !go_on()) return done;
+      // Few enough frames that a fault is told and a wish to stop is heard soon; enough that a GPU is not kept waiting.
+      const std::int64_t some = std::min(frames - done, B::frames_between_checks);
+      clear_fault();
+      for (std::int64_t i = 0; i < some; ++i) {
+        parameters.frame = static_cast<std::uint32_t>(i);
+        simulate_frame(backend_, parameters, bodies_, grid_, fault_.data(), timer);
+      }
+      raise_fault(frame);
+      frame += some;
+      time += static_cast<double>(some) * dt;
+      done += some;
+    }
+    return frames;
+  }
+
+  std::int64_t count() const override { return bodies_.count(); }
+
+  ArrayView array(Field field) override {
+    const auto view = [&](auto& buffer, int columns) {
+      return ArrayView{buffer.data(), buffer.size(), columns, backend_.cuda_device(), buffer.share()};
+    };
+    switch (field) {
+      case Field::position: return view(bodies_.positions, 3);
+      case Field::velocity: return view(bodies_.velocities, 3);
+      case Field::radius: return view(bodies_.radii, 0);
+      case Field::mass: return view(bodies_.masses, 0);
+      case Field::restitution: return view(bodies_.restitutions, 0);
+    }
+    return {};
+  }
+
+  ContactArrays contacts() override {
+    Contacts<B> found(backend_);
+    if (count() > 0) {
+      update_grid();
+      find_pairs(backend_, grid_, bodies_, found);
+      backend_.synchronize();
+    }
+    const auto view = [&](auto& buffer, int columns) {
+      return ArrayView{buffer.data(), buffer.size(), columns, backend_.cuda_device(), buffer.share()};
+    };
+    return {view(found.first, 0), view(found.second, 0), view(found.gap, 0), view(found.normal, 3)};
+  }
+
+  std::int64_t contact_count() override {
+    if (count() == 0) return 0;
+    update_grid();
+    Contacts<B> found(backend_);
+    return count_pairs(backend_, grid_, found);
+  }
+
+  Ledger ledger() override {
+    backend_.synchronize();
+    return count() == 0 ? Ledger{} : measure_ledger(backend_, vector_of(options_.gravity), box(), bodies_);
+  }
+
+  float max_overlap() override {
+    if (count() == 0) return 0;
+    update_grid();
+    return measure_max_overlap(backend_, grid_);
+  }
+
+  std::uint64_t state_hash() override {
+    backend_.synchronize();
+    return hash_state(backend_, bodies_);
+  }
+
+ private:
+  Box box() const { return {vector_of(options_.lower), vector_of(options_.upper)}; }
+
+  // Every run starts here: the user may have written to any array since the last.
+  void shape_grid() {
+    backend_.synchronize();
+    const RadiusRange allowed = allowed_radii(options_);
+    const StateCheck check = check_state(backend_, allowed.smallest, allowed.largest, bodies_);
+    if (check.first_bad != no_fault) refuse(static_cast<std::int64_t>(check.first_bad / 8), Field(check.first_bad % 8));
+    largest_radius_ = float_of(check.largest_radius);
+    grid_.shape = choose_grid_shape(box(), largest_radius_, options_.cell_size, count());
+  }
+
+  void update_grid() {
+    shape_grid();
+    build_grid(backend_, bodies_, grid_);
+  }
+
+  void refuse(std::int64_t id, Field field) {
+    const ArrayView view = array(field);
+    const int columns = std::max(1, view.columns);
+    float found[3];
+    backend_.copy_to_host(found, static_cast<const float*>(view.data) + id * columns, columns);
+    refuse_value(options_, field, id, found);
+  }
+
+  void clear_fault() { backend_.copy_to_device(fault_.data(), &no_fault, 1); }
+
+  void raise_fault(std::int64_t first_frame) {
+    std::uint64_t fault = no_fault;
+    backend_.copy_to_host(&fault, static_cast<const std::uint64_t*>(fault_.data()), 1);
+    if (fault != no_fault) refuse_fault(fault, first_frame);
+  }
+
+  WorldOptions options_;
+  B backend_;
+  Bodies<B> bodies_{backend_};
+  Grid<B> grid_{backend_};
+  typename B::template Buffer<std::uint64_t> fault_{backend_};
+  float largest_radius_ = 0;
+};
+
+}  // namespace fastcollide

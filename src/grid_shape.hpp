@@ -1,0 +1,33 @@
+// Choices made on the host: the grid for a world, the radii that a box allows, and errors for what breaks them.
+#pragma once
+
+#include "fastcollide/world.hpp"
+#include "physics/cell.hpp"
+#include "stages/check_state.hpp"
+
+namespace fastcollide {
+
+struct RadiusRange {
+  float smallest, largest;  // [m]
+};
+
+// A sphere must fit into the box, and float32 must place it: the spacing of numbers at the far end of the box may be at
+// most 1/64 of the smallest radius (at that limit about one contact in a thousand is decided by the rounding of the
+// positions).
+RadiusRange allowed_radii(const WorldOptions& options);
+
+// Smallest edge of a cell for which two spheres that overlap always lie in the same or in adjacent cells, after the
+// rounding of cell_coordinate() [m].
+double smallest_cell_edge(const Box& box, float largest_radius);
+
+// Edges as small as that, or as asked for if larger; larger still where the box would need far more cells than there
+// are spheres.
+GridShape choose_grid_shape(const Box& box, float largest_radius, float cell_size, std::int64_t count);
+
+// Throws the InvalidValue for sphere `id`, of which `found` holds the value.
+[[noreturn]] void refuse_value(const WorldOptions& options, Field field, std::int64_t id, const float* found);
+
+// Throws the SimulationError for a fault word; `first_frame` is the frame that its count starts from.
+[[noreturn]] void refuse_fault(std::uint64_t fault, std::int64_t first_frame);
+
+}  // namespace fastcollide

@@ -1,0 +1,142 @@
+// Small vectors, exact sums and the one host/device macro. Every function here gives the same bits on every
+// device: only IEEE 754 operations that are correctly rounded everywhere (+ - * / sqrt floor, conversions), no
+// contraction (see the build flags), no libm transcendental.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+
+#if defined(__CUDACC__)
+#define FC_HOST_DEVICE __host__ __device__
+#else
+#define FC_HOST_DEVICE
+#include <atomic>
+#endif
+
+namespace fastcollide {
+
+struct Vec3 {
+  float x, y, z;
+};
+
+struct Vec3i {
+  int x, y, z;
+};
+
+struct alignas(16) Vec4 {
+  float x, y, z, w;
+};
+
+FC_HOST_DEVICE inline Vec3 operator+(Vec3 a, Vec3 b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+FC_HOST_DEVICE inline Vec3 operator-(Vec3 a, Vec3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+FC_HOST_DEVICE inline Vec3 operator*(Vec3 a, float s) { return {a.x * s, a.y * s, a.z * s}; }
+FC_HOST_DEVICE inline float dot(Vec3 a, Vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+FC_HOST_DEVICE inline Vec3 cross(Vec3 a, Vec3 b) {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+FC_HOST_DEVICE inline float square_root(float x) {
+#if defined(__CUDA_ARCH__)
+  return __fsqrt_rn(x);
+#else
+  return std::sqrt(x);
+#endif
+}
+FC_HOST_DEVICE inline float length(Vec3 a) { return square_root(dot(a, a)); }
+
+// Written as comparisons, so that a NaN gives the second argument on every device.
+FC_HOST_DEVICE inline float smaller(float a, float b) { return a < b ? a : b; }
+FC_HOST_DEVICE inline float larger(float a, float b) { return a > b ? a : b; }
+FC_HOST_DEVICE inline float clamp(float x, float low, float high) { return larger(smaller(x, high), low); }
+
+// True for neither infinities nor NaN; holds also where a host compiler would fold std::isfinite away.
+FC_HOST_DEVICE inline bool is_finite(float x) { return x - x == 0.0f; }
+FC_HOST_DEVICE inline bool is_finite(Vec3 a) { return is_finite(a.x) && is_finite(a.y) && is_finite(a.z); }
+
+FC_HOST_DEVICE inline std::uint32_t bits_of(float x) {
+  std::uint32_t bits;
+  memcpy(&bits, &x, sizeof bits);
+  return bits;
+}
+FC_HOST_DEVICE inline float float_of(std::uint32_t bits) {
+  float x;
+  memcpy(&x, &bits, sizeof x);
+  return x;
+}
+
+// Finalizer of splitmix64 (Steele, Lea, Flood 2014): a bijection of 64-bit words in which every input bit moves every
+// output bit.
+FC_HOST_DEVICE inline std::uint64_t mix64(std::uint64_t z) {
+  z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9ull;
+  z = (z ^ (z >> 27)) * 0x94D049BB133111EBull;
+  return z ^ (z >> 31);
+}
+
+// Round to nearest, ties to even; the caller keeps |x| below 2^62.
+FC_HOST_DEVICE inline std::int64_t round_to_int64(float x) {
+#if defined(__CUDA_ARCH__)
+  return __float2ll_rn(x);
+#else
+  return std::llrint(x);
+#endif
+}
+
+// Lowers *target to value, from any thread at once. Which thread comes last never matters: the smallest value wins.
+FC_HOST_DEVICE inline void atomic_min(std::uint64_t* target, std::uint64_t value) {
+#if defined(__CUDA_ARCH__)
+  atomicMin(reinterpret_cast<unsigned long long*>(target), static_cast<unsigned long long>(value));
+#elif !defined(__CUDACC__)
+  std::atomic_ref<std::uint64_t> shared(*target);
+  std::uint64_t seen = shared.load(std::memory_order_relaxed);
+  while (value < seen && !shared.compare_exchange_weak(seen, value, std::memory_order_relaxed)) {
+  }
+#else
+  if (value < *target) *target = value;  // host pass of nvcc: compiled, never run
+#endif
+}
+
+// -------------------------------------------------------------------------------------------------------------------
+// Sums that do not depend on the order of their terms. Each term is rounded once to a multiple of a power of two and
+// the integers are added, so neighbour order, threads, lanes and atomics give the same bits.
+//
+// A term may be as large as `range` and a sum may have `max_terms` of them; a term outside the range is cut to it and
+// reported (`saturated`), never wrapped. Resolution: range / 2^41.
+
+inline constexpr std::int64_t max_terms = std::int64_t(1) << 21;
+
+struct FixedPoint {
+  float scale;      // 2^41 / range, a power of two
+  float unit;       // 1 / scale
+};
+
+struct ExactSum3 {
+  std::int64_t x = 0, y = 0, z = 0;
+};
+
+// Returns false when a component was outside the range (or NaN).
+FC_HOST_DEVICE inline bool add_exactly(std::int64_t& sum, float term, FixedPoint fixed) {
+  constexpr float limit = 2199023255552.0f;  // 2^41
+  const float scaled = term * fixed.scale;
+  const float cut = clamp(scaled, -limit, limit);
+  sum += round_to_int64(cut);
+  return cut == scaled;
+}
+FC_HOST_DEVICE inline bool add_exactly(ExactSum3& sum, Vec3 term, FixedPoint fixed) {
+  const bool x = add_exactly(sum.x, term.x, fixed);
+  const bool y = add_exactly(sum.y, term.y, fixed);
+  const bool z = add_exactly(sum.z, term.z, fixed);
+  return x && y && z;
+}
+FC_HOST_DEVICE inline Vec3 value_of(ExactSum3 sum, FixedPoint fixed) {
+  return {static_cast<float>(sum.x) * fixed.unit, static_cast<float>(sum.y) * fixed.unit,
+          static_cast<float>(sum.z) * fixed.unit};
+}
+
+// The finest scale whose range covers `range` (> 0).
+inline FixedPoint fixed_point_for(float range) {
+  int exponent = 0;
+  std::frexp(range, &exponent);  // range <= 2^exponent
+  return {std::ldexp(1.0f, 41 - exponent), std::ldexp(1.0f, exponent - 41)};
+}
+
+}  // namespace fastcollide

@@ -1,0 +1,62 @@
+// The six walls of the box.
+#pragma once
+
+#include "cell.hpp"
+
+namespace fastcollide {
+
+struct WallMaterial {
+  float floor_restitution;  // of the lower z wall; the other five use the sphere's own
+  float friction;           // Coulomb coefficient of all six
+};
+
+// Coulomb friction of an impact that changed the normal velocity by `impact`: takes at most friction * impact from the
+// two tangential components, and never turns them round.
+FC_HOST_DEVICE inline void rub(float& tangent_1, float& tangent_2, float impact, float friction) {
+  const float speed = square_root(tangent_1 * tangent_1 + tangent_2 * tangent_2);
+  const float loss = friction * impact;
+  const float kept = speed > loss ? 1.0f - loss / speed : 0.0f;
+  tangent_1 = tangent_1 * kept;
+  tangent_2 = tangent_2 * kept;
+}
+
+FC_HOST_DEVICE inline void collide_axis(float& x, float lower, float upper, float radius, float& normal,
+                                        float& tangent_1, float& tangent_2, float restitution_lower,
+                                        float restitution_upper, float friction) {
+  const float lowest = lower + radius, highest = upper - radius;
+  float impact = 0.0f;
+  if (x < lowest) {
+    x = lowest;
+    if (normal < 0.0f) {
+      impact = -normal * (1.0f + restitution_lower);
+      normal = -normal * restitution_lower;
+    }
+  } else if (x > highest) {
+    x = highest;
+    if (normal > 0.0f) {
+      impact = normal * (1.0f + restitution_upper);
+      normal = -normal * restitution_upper;
+    }
+  }
+  if (impact > 0.0f && friction > 0.0f) rub(tangent_1, tangent_2, impact, friction);
+}
+
+// Puts a sphere that reaches into a wall back inside and reverses the velocity that carried it there.
+FC_HOST_DEVICE inline void collide_with_walls(Vec3& position, Vec3& velocity, float radius, float restitution,
+                                              const Box& box, const WallMaterial& wall) {
+  collide_axis(position.x, box.lower.x, box.upper.x, radius, velocity.x, velocity.y, velocity.z, restitution,
+               restitution, wall.friction);
+  collide_axis(position.y, box.lower.y, box.upper.y, radius, velocity.y, velocity.z, velocity.x, restitution,
+               restitution, wall.friction);
+  collide_axis(position.z, box.lower.z, box.upper.z, radius, velocity.z, velocity.x, velocity.y,
+               wall.floor_restitution, restitution, wall.friction);
+}
+
+// Only the position: the correction of an overlap may push a sphere through a wall.
+FC_HOST_DEVICE inline Vec3 keep_inside(Vec3 position, float radius, const Box& box) {
+  return {clamp(position.x, box.lower.x + radius, box.upper.x - radius),
+          clamp(position.y, box.lower.y + radius, box.upper.y - radius),
+          clamp(position.z, box.lower.z + radius, box.upper.z - radius)};
+}
+
+}  // namespace fastcollide

@@ -1,0 +1,42 @@
+// Free flight of every sphere through one frame, and the six walls.
+#pragma once
+
+#include "../data.hpp"
+#include "../physics/integrate.hpp"
+#include "../physics/wall.hpp"
+
+namespace fastcollide {
+
+struct Advance {
+  Flight flight;
+  Box box;
+  WallMaterial wall;
+  std::uint32_t frame;
+  const float* radii;
+  const float* restitutions;
+  Vec3* positions;
+  Vec3* velocities;
+  std::uint64_t* first_fault;
+
+  FC_HOST_DEVICE void operator()(std::int64_t i) const {
+    Vec3 position = positions[i], velocity = velocities[i];
+    fly(position, velocity, flight);
+    if (!is_finite(position) || !is_finite(velocity)) {
+      atomic_min(first_fault, fault_word(frame, static_cast<std::uint32_t>(i), FaultKind::not_finite));
+      return;
+    }
+    collide_with_walls(position, velocity, radii[i], restitutions[i], box, wall);
+    positions[i] = position;
+    velocities[i] = velocity;
+  }
+};
+
+template <Backend B>
+void advance(B& backend, const Flight& flight, const Box& box, const WallMaterial& wall, std::uint32_t frame,
+             Bodies<B>& bodies, std::uint64_t* first_fault) {
+  backend.for_each(bodies.count(),
+                   Advance{flight, box, wall, frame, bodies.radii.data(), bodies.restitutions.data(),
+                           bodies.positions.data(), bodies.velocities.data(), first_fault});
+}
+
+}  // namespace fastcollide

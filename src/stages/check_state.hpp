@@ -1,0 +1,50 @@
+// Is every number of the state in its range? Arrays are the user's to write, so each run asks first.
+#pragma once
+
+#include "../data.hpp"
+
+namespace fastcollide {
+
+enum class Field : std::uint8_t { position, velocity, radius, mass, restitution };
+
+struct StateCheck {
+  std::uint64_t first_bad = no_fault;  // id * 8 + field
+  std::uint32_t largest_radius = 0;    // bits of a positive float
+  struct Operation {
+    FC_HOST_DEVICE StateCheck operator()(StateCheck a, const StateCheck& b) const {
+      if (b.first_bad < a.first_bad) a.first_bad = b.first_bad;
+      if (b.largest_radius > a.largest_radius) a.largest_radius = b.largest_radius;
+      return a;
+    }
+  };
+};
+
+struct CheckBody {
+  float smallest_radius, largest_radius;  // that the box and float32 allow
+  const Vec3* positions;
+  const Vec3* velocities;
+  const float* radii;
+  const float* masses;
+  const float* restitutions;
+
+  FC_HOST_DEVICE StateCheck operator()(std::int64_t i) const {
+    const auto bad = [i](Field field) { return StateCheck{std::uint64_t(i) * 8 + std::uint64_t(field), 0}; };
+    if (!is_finite(positions[i])) return bad(Field::position);
+    if (!is_finite(velocities[i])) return bad(Field::velocity);
+    if (!(radii[i] >= smallest_radius && radii[i] <= largest_radius)) return bad(Field::radius);
+    if (!(masses[i] > 0.0f && is_finite(masses[i]))) return bad(Field::mass);
+    if (!(restitutions[i] >= 0.0f && restitutions[i] <= 1.0f)) return bad(Field::restitution);
+    return {no_fault, bits_of(radii[i])};
+  }
+};
+
+template <Backend B>
+StateCheck check_state(B& backend, float smallest_radius, float largest_radius, const Bodies<B>& bodies) {
+  return backend.transform_reduce(bodies.count(),
+                                  CheckBody{smallest_radius, largest_radius, bodies.positions.data(),
+                                            bodies.velocities.data(), bodies.radii.data(), bodies.masses.data(),
+                                            bodies.restitutions.data()},
+                                  StateCheck{}, StateCheck::Operation{});
+}
+
+}  // namespace fastcollide
