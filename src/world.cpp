@@ -46,8 +46,8 @@ void check_options(const WorldOptions& options) {
   require(between(options.wall_friction, 0, 1e6), "wall_friction", options.wall_friction, "0 to 1e6");
   require(options.iterations >= 1 && options.iterations <= 1000, "iterations", options.iterations, "1 to 1000");
   require(between(options.cell_size, 0, 1e30), "cell_size", options.cell_size, "a finite number above 0 [m]");
-  require(options.block_size >= 32 && options.block_size <= 1024 && options.block_size % 32 == 0, "block_size",
-          options.block_size, "a multiple of 32 from 32 to 1024");
+  require(options.block_size >= 32 && options.block_size <= 512 && options.block_size % 32 == 0, "block_size",
+          options.block_size, "a multiple of 32 from 32 to 512");
 }
 
 void check_lengths(const Spheres& spheres) {

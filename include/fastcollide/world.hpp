@@ -29,7 +29,7 @@ struct WorldOptions {
   float cell_size = 0;            // edge of a grid cell [m]; 0: the smallest that misses no contact
   std::string device = "auto";    // "auto", "cpu", "cuda", "cuda:N"
   int threads = 0;                // of the CPU; 0: all
-  int block_size = 128;           // of CUDA, a multiple of 32 up to 1024; no result depends on it
+  int block_size = 128;           // of CUDA, a multiple of 32 up to 512; no result depends on it
 };
 
 // Memory of a world as seen from outside, in the order of the ids. It stays valid while `owner` is held; after add() it

@@ -56,8 +56,9 @@ inline std::shared_ptr<void> allocate_on_device(int device, std::size_t bytes) {
   return {memory, [](void* p) { cudaFree(p); }};
 }
 
+// The bound lets any stage be launched at any size of block that a world may ask for.
 template <class F>
-__global__ void run_for_each(std::int64_t n, F f) {
+__global__ void __launch_bounds__(512) run_for_each(std::int64_t n, F f) {
   const std::int64_t i = std::int64_t(blockIdx.x) * blockDim.x + threadIdx.x;
   if (i < n) f(i);
 }
@@ -108,6 +109,7 @@ class CudaBackend {
     cudaStream_t stream = nullptr;
     check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "cudaStreamCreate");
     stream_.reset(stream, [](cudaStream_t s) { cudaStreamDestroy(s); });
+    result_ = allocate_on_device(device_, result_bytes);
   }
 
   int cuda_device() const { return device_; }
@@ -124,15 +126,15 @@ class CudaBackend {
   template <class F, class T, class Operation>
   T transform_reduce(std::int64_t n, const F& f, T identity, Operation combine) {
     if (n == 0) return identity;
+    static_assert(sizeof(T) <= result_bytes);
     const OnDevice on(device_);
-    Buffer<T> result(*this);
-    result.resize(1);
+    T* result = static_cast<T*>(result_.get());
     with_scratch("reduce", [&](void* scratch, std::size_t& bytes) {
-      return cub::DeviceReduce::TransformReduce(scratch, bytes, thrust::counting_iterator<std::int64_t>(0),
-                                                result.data(), n, combine, f, identity, stream_.get());
+      return cub::DeviceReduce::TransformReduce(scratch, bytes, thrust::counting_iterator<std::int64_t>(0), result, n,
+                                                combine, f, identity, stream_.get());
     });
     T value = identity;
-    copy_to_host(&value, static_cast<const T*>(result.data()), 1);
+    copy_to_host(&value, static_cast<const T*>(result), 1);
     return value;
   }
 
@@ -197,8 +199,11 @@ class CudaBackend {
     check(call(scratch_.get(), bytes), what);
   }
 
+  static constexpr std::size_t result_bytes = 64;
+
   int device_, block_size_;
   std::shared_ptr<CUstream_st> stream_;
+  std::shared_ptr<void> result_;  // of the last reduction
   std::shared_ptr<void> scratch_;
   std::size_t scratch_bytes_ = 0;
 };

@@ -60,7 +60,7 @@ class Renderer {
   }
 
  private:
-  static constexpr int shadow_map_size = 1536;
+  static constexpr int shadow_map_size = 1024;
 
   template <class View>
   std::int64_t place(const View& view, float reach, std::int64_t n, const float* positions, const float* radii) {

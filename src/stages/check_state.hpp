@@ -9,7 +9,7 @@ enum class Field : std::uint8_t { position, velocity, radius, mass, restitution 
 
 struct StateCheck {
   std::uint64_t first_bad = no_fault;  // id * 8 + field
-  std::uint32_t largest_radius = 0;    // bits of a positive float
+  std::uint64_t largest_radius = 0;    // bits of a positive float; as wide as the other, to leave no gap between them
   struct Operation {
     FC_HOST_DEVICE StateCheck operator()(StateCheck a, const StateCheck& b) const {
       if (b.first_bad < a.first_bad) a.first_bad = b.first_bad;

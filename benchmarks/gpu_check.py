@@ -1,0 +1,76 @@
+"""Is a GPU's result the CPU's, bit for bit, and is every memory access clean? Run on a machine with a GPU:
+
+    cmake --preset cuda && cmake --build --preset cuda
+    python benchmarks/gpu_check.py build/cuda/print_hash RESULTS_FOLDER
+
+Writes gpu_check.csv (a line for each scene and device) and gpu_check.txt (what the sanitizers said); exit code 1 where
+two hashes differ or a sanitizer complains.
+"""
+
+import csv
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+SCENES = [(1_000, 600), (20_000, 600), (200_000, 60)]  # particles, frames
+SANITIZERS = ["memcheck", "racecheck", "initcheck", "synccheck"]
+
+
+def run_scene(program: str, particles: int, frames: int, device: str, block_size: int = 128) -> dict[str, object]:
+    started = time.perf_counter()
+    command = [program, str(particles), str(frames), device, "0", str(block_size)]
+    output = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
+    return {
+        "particles": particles,
+        "frames": frames,
+        "device": device,
+        "block_size": block_size if device != "cpu" else "",
+        "start_hash": re.search(r"start (\w+)", output)[1],
+        "end_hash": re.search(r"end (\w+)", output)[1],
+        "measured": re.search(r"end \w+ (.*)", output)[1],
+        "seconds_with_start_up": round(time.perf_counter() - started, 2),
+    }
+
+
+def compare(program: str) -> tuple[list[dict[str, object]], bool]:
+    rows, same = [], True
+    for particles, frames in SCENES:
+        expected = run_scene(program, particles, frames, "cpu")
+        rows.append(expected)
+        for block_size in (32, 128, 512):
+            found = run_scene(program, particles, frames, "cuda", block_size)
+            rows.append(found)
+            same &= all(found[key] == expected[key] for key in ("start_hash", "end_hash", "measured"))
+        print(*rows[-4:], sep="\n", flush=True)
+    return rows, same
+
+
+def sanitize(program: str) -> tuple[str, bool]:
+    report, clean = "", True
+    for tool in SANITIZERS:
+        command = ["compute-sanitizer", "--tool", tool, "--error-exitcode", "9", program, "3000", "4", "cuda"]
+        result = subprocess.run(command, capture_output=True, text=True)
+        report += f"== {tool}: exit code {result.returncode}\n{result.stdout}{result.stderr}\n"
+        clean &= result.returncode == 0
+        print(tool, result.returncode, result.stdout.strip().splitlines()[-1:], flush=True)
+    return report, clean
+
+
+def main() -> int:
+    program, folder = sys.argv[1], Path(sys.argv[2])
+    folder.mkdir(parents=True, exist_ok=True)
+    rows, same = compare(program)
+    with (folder / "gpu_check.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    report, clean = sanitize(program)
+    (folder / "gpu_check.txt").write_text(report)
+    print("same bits" if same else "DIFFERENT BITS", "clean" if clean else "NOT CLEAN", sep=", ")
+    return 0 if same and clean else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
