@@ -14,6 +14,25 @@
 
 namespace fastcollide {
 
+// Simulated time as a product, not as a sum of many small steps: 300 frames of 1/60 s are 5 s.
+class Clock {
+ public:
+  std::int64_t frame() const { return frame_; }
+  double time() const { return start_ + static_cast<double>(frame_ - start_frame_) * dt_; }
+  void advance(std::int64_t frames, double dt) {
+    if (dt != dt_) {
+      start_ = time();
+      start_frame_ = frame_;
+      dt_ = dt;
+    }
+    frame_ += frames;
+  }
+
+ private:
+  std::int64_t frame_ = 0, start_frame_ = 0;
+  double start_ = 0, dt_ = 0;
+};
+
 class Engine {
  public:
   virtual ~Engine() = default;
@@ -28,8 +47,7 @@ class Engine {
   virtual std::uint64_t state_hash() = 0;
 
   std::string device_name;
-  std::int64_t frame = 0;
-  double time = 0;
+  Clock clock;
   StageTimer timer;
 };
 
@@ -95,9 +113,8 @@ class EngineOn final : public Engine {
         parameters.frame = static_cast<std::uint32_t>(i);
         simulate_frame(backend_, parameters, bodies_, grid_, fault_.data(), timer);
       }
-      raise_fault(frame);
-      frame += some;
-      time += static_cast<double>(some) * dt;
+      raise_fault(clock.frame());
+      clock.advance(some, dt);
       done += some;
     }
     return frames;

@@ -151,16 +151,15 @@ std::int64_t World::step(std::int64_t frames, double dt, const std::function<boo
   require(frames >= 0, "frames", static_cast<double>(frames), "0 or more");
   require(between(dt, 1e-9, 1e3), "dt", dt, "1e-9 to 1000 [s]");
   if (count() == 0) {
-    engine_->frame += frames;
-    engine_->time += static_cast<double>(frames) * dt;
+    engine_->clock.advance(frames, dt);
     return frames;
   }
   return engine_->step(frames, dt, go_on);
 }
 
 std::int64_t World::count() const { return engine_->count(); }
-std::int64_t World::frame() const { return engine_->frame; }
-double World::time() const { return engine_->time; }
+std::int64_t World::frame() const { return engine_->clock.frame(); }
+double World::time() const { return engine_->clock.time(); }
 const std::string& World::device() const { return engine_->device_name; }
 const WorldOptions& World::options() const { return options_; }
 
