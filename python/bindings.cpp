@@ -100,6 +100,7 @@ auto without_gil(Work&& work) {
   return work();
 }
 
+// A call that waits for its turn while it holds the interpreter would stop the one that is stepping: all let go of it.
 void bind_world(nb::module_& m) {
   using fastcollide::World;
   using Three = std::array<float, 3>;
@@ -142,16 +143,16 @@ void bind_world(nb::module_& m) {
             check.rethrow();
           },
           "frames"_a, "dt"_a)
-      .def_prop_ro("count", &World::count)
-      .def_prop_ro("frame", &World::frame)
-      .def_prop_ro("time", &World::time)
+      .def_prop_ro("count", [](const World& world) { return without_gil([&] { return world.count(); }); })
+      .def_prop_ro("frame", [](const World& world) { return without_gil([&] { return world.frame(); }); })
+      .def_prop_ro("time", [](const World& world) { return without_gil([&] { return world.time(); }); })
       .def_prop_ro("device", [](const World& world) { return world.device(); })
       .def_prop_ro("device_name", &World::device_description)
-      .def_prop_ro("positions", [](World& world) { return share<float>(world.positions()); })
-      .def_prop_ro("velocities", [](World& world) { return share<float>(world.velocities()); })
-      .def_prop_ro("radii", [](World& world) { return share<float>(world.radii()); })
-      .def_prop_ro("masses", [](World& world) { return share<float>(world.masses()); })
-      .def_prop_ro("restitutions", [](World& world) { return share<float>(world.restitutions()); })
+      .def_prop_ro("positions", [](World& world) { return share<float>(without_gil([&] { return world.positions(); })); })
+      .def_prop_ro("velocities", [](World& world) { return share<float>(without_gil([&] { return world.velocities(); })); })
+      .def_prop_ro("radii", [](World& world) { return share<float>(without_gil([&] { return world.radii(); })); })
+      .def_prop_ro("masses", [](World& world) { return share<float>(without_gil([&] { return world.masses(); })); })
+      .def_prop_ro("restitutions", [](World& world) { return share<float>(without_gil([&] { return world.restitutions(); })); })
       .def("contacts",
            [](World& world) {
              const fastcollide::ContactArrays found = without_gil([&] { return world.contacts(); });
@@ -167,8 +168,8 @@ void bind_world(nb::module_& m) {
       .def("momentum", &World::momentum, nb::call_guard<nb::gil_scoped_release>())
       .def("max_overlap", &World::max_overlap, nb::call_guard<nb::gil_scoped_release>())
       .def("state_hash", &World::state_hash, nb::call_guard<nb::gil_scoped_release>())
-      .def("set_timed", &World::set_timed, "timed"_a)
-      .def_prop_ro("stage_times", &World::stage_times);
+      .def("set_timed", &World::set_timed, "timed"_a, nb::call_guard<nb::gil_scoped_release>())
+      .def_prop_ro("stage_times", [](const World& world) { return without_gil([&] { return world.stage_times(); }); });
 }
 
 void bind_renderer(nb::module_& m) {

@@ -112,5 +112,6 @@ inline constexpr std::uint64_t no_fault = ~std::uint64_t(0);
 FC_HOST_DEVICE inline std::uint64_t fault_word(std::uint32_t frame, std::uint32_t id, FaultKind kind) {
   return (std::uint64_t(frame & 0xFFFFFFu) << 40) | (std::uint64_t(id) << 8) | std::uint64_t(kind);
 }
+FC_HOST_DEVICE inline std::uint32_t fault_frame(std::uint64_t fault) { return static_cast<std::uint32_t>(fault >> 40); }
 
 }  // namespace fastcollide

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cmath>
+#include <mutex>
+#include <utility>
 
 #include "fastcollide/devices.hpp"
 #include "fastcollide/renderer.hpp"
@@ -49,6 +51,9 @@ class Engine {
   std::string device_name;
   Clock clock;
   StageTimer timer;
+  // Threads that share a world take turns. Recursive, since a signal handler may ask the world that it interrupts.
+  std::recursive_mutex mutex;
+  bool is_stepping = false;
 };
 
 class RendererEngine {
@@ -108,12 +113,16 @@ class EngineOn final : public Engine {
       if (go_on && !go_on()) return done;
       // Few enough frames that a fault is told and a wish to stop is heard soon; enough that a GPU is not kept waiting.
       const std::int64_t some = std::min(frames - done, B::frames_between_checks);
-      clear_fault();
-      for (std::int64_t i = 0; i < some; ++i) {
-        parameters.frame = static_cast<std::uint32_t>(i);
-        simulate_frame(backend_, parameters, bodies_, grid_, fault_.data(), timer);
+      keep_state();
+      run_frames(some, parameters);
+      if (const std::uint64_t fault = first_fault(); fault != no_fault) {
+        // Back to the last good frame: the same frames give the same state again.
+        const auto good = static_cast<std::int64_t>(fault_frame(fault));
+        restore_state();
+        run_frames(good, parameters);
+        clock.advance(good, dt);
+        refuse_fault(fault, clock.frame() + 1);
       }
-      raise_fault(clock.frame());
       clock.advance(some, dt);
       done += some;
     }
@@ -198,12 +207,29 @@ class EngineOn final : public Engine {
     refuse_value(options_, field, id, found);
   }
 
-  void clear_fault() { backend_.copy_to_device(fault_.data(), &no_fault, 1); }
+  void run_frames(std::int64_t frames, FrameParameters parameters) {
+    backend_.copy_to_device(fault_.data(), &no_fault, 1);
+    for (std::int64_t i = 0; i < frames; ++i) {
+      parameters.frame = static_cast<std::uint32_t>(i);
+      simulate_frame(backend_, parameters, bodies_, grid_, fault_.data(), timer);
+    }
+  }
 
-  void raise_fault(std::int64_t first_frame) {
+  std::uint64_t first_fault() {
     std::uint64_t fault = no_fault;
     backend_.copy_to_host(&fault, static_cast<const std::uint64_t*>(fault_.data()), 1);
-    if (fault != no_fault) refuse_fault(fault, first_frame);
+    return fault;
+  }
+
+  void keep_state() {
+    kept_positions_.resize(count());
+    kept_velocities_.resize(count());
+    backend_.copy(kept_positions_.data(), std::as_const(bodies_.positions).data(), count());
+    backend_.copy(kept_velocities_.data(), std::as_const(bodies_.velocities).data(), count());
+  }
+  void restore_state() {
+    backend_.copy(bodies_.positions.data(), std::as_const(kept_positions_).data(), count());
+    backend_.copy(bodies_.velocities.data(), std::as_const(kept_velocities_).data(), count());
   }
 
   WorldOptions options_;
@@ -211,6 +237,7 @@ class EngineOn final : public Engine {
   Bodies<B> bodies_{backend_};
   Grid<B> grid_{backend_};
   typename B::template Buffer<std::uint64_t> fault_{backend_};
+  typename B::template Buffer<Vec3> kept_positions_{backend_}, kept_velocities_{backend_};  // before unchecked frames
   float largest_radius_ = 0;
 };
 

@@ -78,9 +78,9 @@ void refuse_value(const WorldOptions& options, Field field, std::int64_t id, con
   throw InvalidValue("restitution", id, text_of(found[0]), "0 to 1");
 }
 
-void refuse_fault(std::uint64_t fault, std::int64_t first_frame) {
+void refuse_fault(std::uint64_t fault, std::int64_t frame) {
   const std::string where = "sphere " + std::to_string((fault >> 8) & 0xFFFFFFFFu) + " in frame " +
-                            std::to_string(first_frame + 1 + static_cast<std::int64_t>(fault >> 40)) + ": ";
+                            std::to_string(frame) + ": ";
   switch (FaultKind(fault & 0xFF)) {
     case FaultKind::not_finite:
       throw SimulationError(where + "position or velocity is no longer a finite number");

@@ -27,7 +27,7 @@ GridShape choose_grid_shape(const Box& box, float largest_radius, float cell_siz
 // Throws the InvalidValue for sphere `id`, of which `found` holds the value.
 [[noreturn]] void refuse_value(const WorldOptions& options, Field field, std::int64_t id, const float* found);
 
-// Throws the SimulationError for a fault word; `first_frame` is the frame that its count starts from.
-[[noreturn]] void refuse_fault(std::uint64_t fault, std::int64_t first_frame);
+// Throws the SimulationError for a fault word; `frame` is the number of the frame that failed.
+[[noreturn]] void refuse_fault(std::uint64_t fault, std::int64_t frame);
 
 }  // namespace fastcollide

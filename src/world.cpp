@@ -7,6 +7,7 @@
 
 #include "device_choice.hpp"
 #include "engine.hpp"
+#include "float_environment.hpp"
 
 namespace fastcollide {
 namespace {
@@ -29,10 +30,14 @@ bool between(double x, double low, double high) { return x >= low && x <= high; 
 
 void check_box(const std::array<float, 3>& lower, const std::array<float, 3>& upper) {
   for (int axis = 0; axis < 3; ++axis) {
-    require(std::isfinite(lower[axis]), "bounds lower corner", lower[axis], "finite numbers [m]", axis);
-    require(std::isfinite(upper[axis]), "bounds upper corner", upper[axis], "finite numbers [m]", axis);
-    require(upper[axis] > lower[axis], "bounds upper corner", upper[axis],
-            ("more than the lower corner, " + text_of(lower[axis])).c_str(), axis);
+    const auto require_corner = [axis](bool good, const char* corner, float found, const std::string& allowed) {
+      if (!good) throw InvalidValue("bounds", axis, std::string(corner) + " corner " + text_of(found), allowed);
+    };
+    require_corner(std::isfinite(lower[axis]), "lower", lower[axis], "finite numbers [m]");
+    require_corner(std::isfinite(upper[axis]), "upper", upper[axis], "finite numbers [m]");
+    require_corner(upper[axis] > lower[axis], "upper", upper[axis],
+                   "more than the lower corner, " + text_of(lower[axis]) + " m");
+    require_corner(upper[axis] - lower[axis] <= 1e18f, "upper", upper[axis], "sides of at most 1e18 m");
   }
 }
 
@@ -120,7 +125,23 @@ void check_random(const RandomSpheres& random) {
           "a finite number above 0 [kg/m³]");
 }
 
+// What a call needs of the world: its turn, and the arithmetic of the standard.
+class Turn {
+ public:
+  explicit Turn(Engine& engine) : lock_(engine.mutex) {}
+
+ private:
+  std::lock_guard<std::recursive_mutex> lock_;
+  DefaultFloatEnvironment environment_;
+};
+
+// A call from within step(), out of a signal handler say, may read the world but not change it.
+void require_rest(const Engine& engine) {
+  if (engine.is_stepping) throw SimulationError("the world is in the middle of step(): it can be read, not changed");
+}
+
 std::unique_ptr<Engine> make_engine(const WorldOptions& options) {
+  const DefaultFloatEnvironment environment;
   check_options(options);
   const int threads = choose_threads(options.threads), device = choose_device(options.device);
   std::unique_ptr<Engine> engine =
@@ -137,6 +158,8 @@ World::World(World&&) noexcept = default;
 World& World::operator=(World&&) noexcept = default;
 
 std::int64_t World::add(const Spheres& spheres) {
+  const Turn turn(*engine_);
+  require_rest(*engine_);
   check_spheres(spheres, options_);
   const std::int64_t first = count();
   const std::int64_t total = first + static_cast<std::int64_t>(spheres.radius.size());
@@ -148,18 +171,37 @@ std::int64_t World::add(const Spheres& spheres) {
 }
 
 std::int64_t World::step(std::int64_t frames, double dt, const std::function<bool()>& go_on) {
+  const Turn turn(*engine_);
+  require_rest(*engine_);
   require(frames >= 0, "frames", static_cast<double>(frames), "0 or more");
   require(between(dt, 1e-9, 1e3), "dt", dt, "1e-9 to 1000 [s]");
   if (count() == 0) {
     engine_->clock.advance(frames, dt);
     return frames;
   }
+  struct Stepping {
+    explicit Stepping(bool& flag) : flag_(flag) { flag_ = true; }
+    ~Stepping() { flag_ = false; }
+    bool& flag_;
+  } stepping(engine_->is_stepping);
   return engine_->step(frames, dt, go_on);
 }
 
-std::int64_t World::count() const { return engine_->count(); }
-std::int64_t World::frame() const { return engine_->clock.frame(); }
-double World::time() const { return engine_->clock.time(); }
+std::int64_t World::count() const {
+  const Turn turn(*engine_);
+  return engine_->count();
+}
+
+std::int64_t World::frame() const {
+  const Turn turn(*engine_);
+  return engine_->clock.frame();
+}
+
+double World::time() const {
+  const Turn turn(*engine_);
+  return engine_->clock.time();
+}
+
 const std::string& World::device() const { return engine_->device_name; }
 const WorldOptions& World::options() const { return options_; }
 
@@ -171,31 +213,61 @@ std::string World::device_description() const {
   return device();
 }
 
-ArrayView World::positions() { return engine_->array(Field::position); }
-ArrayView World::velocities() { return engine_->array(Field::velocity); }
-ArrayView World::radii() { return engine_->array(Field::radius); }
-ArrayView World::masses() { return engine_->array(Field::mass); }
-ArrayView World::restitutions() { return engine_->array(Field::restitution); }
+ArrayView World::array(Field field) {
+  const Turn turn(*engine_);
+  return engine_->array(field);
+}
 
-ContactArrays World::contacts() { return engine_->contacts(); }
-std::int64_t World::contact_count() { return engine_->contact_count(); }
-float World::max_overlap() { return engine_->max_overlap(); }
-std::uint64_t World::state_hash() { return engine_->state_hash(); }
+ArrayView World::positions() { return array(Field::position); }
+ArrayView World::velocities() { return array(Field::velocity); }
+ArrayView World::radii() { return array(Field::radius); }
+ArrayView World::masses() { return array(Field::mass); }
+ArrayView World::restitutions() { return array(Field::restitution); }
+
+ContactArrays World::contacts() {
+  const Turn turn(*engine_);
+  return engine_->contacts();
+}
+
+std::int64_t World::contact_count() {
+  const Turn turn(*engine_);
+  return engine_->contact_count();
+}
 
 Energy World::energy() {
+  const Turn turn(*engine_);
   const Ledger ledger = engine_->ledger();
   return {ledger.kinetic, ledger.potential};
 }
 
 std::array<double, 3> World::momentum() {
+  const Turn turn(*engine_);
   const Ledger ledger = engine_->ledger();
   return {ledger.momentum[0], ledger.momentum[1], ledger.momentum[2]};
 }
 
-void World::set_timed(bool timed) { engine_->timer.enabled = timed; }
-const std::map<std::string, double>& World::stage_times() const { return engine_->timer.seconds; }
+float World::max_overlap() {
+  const Turn turn(*engine_);
+  return engine_->max_overlap();
+}
+
+std::uint64_t World::state_hash() {
+  const Turn turn(*engine_);
+  return engine_->state_hash();
+}
+
+void World::set_timed(bool timed) {
+  const Turn turn(*engine_);
+  engine_->timer.enabled = timed;
+}
+
+std::map<std::string, double> World::stage_times() const {
+  const Turn turn(*engine_);
+  return engine_->timer.seconds;
+}
 
 Spheres random_spheres(const RandomSpheres& random, const std::string& device) {
+  const DefaultFloatEnvironment environment;
   check_random(random);
   const int number = choose_device(device);
   return number == cpu_device ? cpu_random_spheres(random) : cuda_random_spheres(random, number);

@@ -15,6 +15,7 @@
 namespace fastcollide {
 
 class Engine;
+enum class Field : std::uint8_t;
 
 enum class Solver { reference };
 
@@ -52,6 +53,7 @@ struct Energy {
   double kinetic = 0, potential = 0;  // [J]; potential is 0 at the lower corner of the box
 };
 
+// Threads that share a world take turns: each call waits for the one before.
 class World {
  public:
   // Errors: InvalidValue, DeviceError.
@@ -65,7 +67,7 @@ class World {
 
   // Runs frames of dt seconds. go_on is asked between frames and ends the run by returning false. Returns the number of
   // frames done. Errors: InvalidValue when a number of the state was made invalid from outside, SimulationError when
-  // the simulation leaves its range, DeviceError.
+  // the simulation leaves its range (the world then stands at the last good frame), DeviceError.
   std::int64_t step(std::int64_t frames, double dt, const std::function<bool()>& go_on = {});
 
   std::int64_t count() const;
@@ -90,9 +92,11 @@ class World {
 
   // Seconds spent in each stage while timed; timing makes a GPU wait after each stage.
   void set_timed(bool timed);
-  const std::map<std::string, double>& stage_times() const;
+  std::map<std::string, double> stage_times() const;
 
  private:
+  ArrayView array(Field field);
+
   WorldOptions options_;
   std::unique_ptr<Engine> engine_;
 };

@@ -4,6 +4,7 @@ from fastcollide.device_array import DeviceArray
 from fastcollide.devices import BuildInfo, Device, build_info, devices
 from fastcollide.errors import DeviceError, InvalidValue, OutOfMemory, SimulationError
 from fastcollide.frames import Frame, FrameError, read_frame, write_frame
+from fastcollide.render import Camera, Renderer
 from fastcollide.spheres import Spheres, drag_from_damping, random_spheres
 from fastcollide.world import Contacts, Energy, World, to_numpy
 
@@ -11,6 +12,7 @@ __version__ = build_info().version
 
 __all__ = [
     "BuildInfo",
+    "Camera",
     "Contacts",
     "Device",
     "DeviceArray",
@@ -20,6 +22,7 @@ __all__ = [
     "FrameError",
     "InvalidValue",
     "OutOfMemory",
+    "Renderer",
     "SimulationError",
     "Spheres",
     "World",

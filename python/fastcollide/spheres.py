@@ -59,12 +59,13 @@ def random_spheres(
 
 def corners(bounds: Bounds) -> tuple[list[float], list[float]]:
     """The two corners of a box, or InvalidValue where they are not two times three numbers."""
-    box = np.asarray(bounds, dtype=np.float64)
+    try:
+        box = np.asarray(bounds, dtype=np.float64)
+    except (TypeError, ValueError):
+        box = np.empty(0)
     if box.shape != (2, 3):
         raise InvalidValue(
-            f"bounds: found an array of shape {box.shape}; allowed: ((x, y, z), (x, y, z)), the lower and the upper "
-            "corner [m]",
-            "bounds",
+            f"bounds: found {bounds!r}; allowed: ((x, y, z), (x, y, z)), the lower and the upper corner [m]", "bounds"
         )
     return box[0].tolist(), box[1].tolist()
 
@@ -73,4 +74,6 @@ def drag_from_damping(damping: float, fps: float) -> float:
     """The drag γ [1/s] whose exp(-γ/fps) is this damping factor per frame: γ = -ln(damping) · fps."""
     if not 0 < damping <= 1:
         raise InvalidValue(f"damping: found {damping}; allowed: more than 0, up to 1", "damping")
+    if not 0 < fps < math.inf:
+        raise InvalidValue(f"fps: found {fps}; allowed: a finite number above 0 [1/s]", "fps")
     return -math.log(damping) * fps

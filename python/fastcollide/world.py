@@ -98,25 +98,32 @@ class World:
         *,
         position: ArrayLike | None = None,
         radius: ArrayLike | None = None,
-        velocity: ArrayLike = (0.0, 0.0, 0.0),
-        density: ArrayLike = 1000.0,
+        velocity: ArrayLike | None = None,
+        density: ArrayLike | None = None,
         mass: ArrayLike | None = None,
-        restitution: ArrayLike = 0.6,
+        restitution: ArrayLike | None = None,
     ) -> NDArray[np.int32]:
         """Adds spheres and returns their ids, int32, shape (n,); ids count up from 0.
 
-        Either Spheres or the arrays by name: position [m] and velocity [m/s], shape (n, 3) or (3,); radius [m],
-        density [kg/m³] or mass [kg], and restitution 0 to 1, shape (n,) or one number for all. Arrays of a GPU are
-        copied.
+        Either Spheres or the arrays by name: position [m] and velocity [m/s] (default: at rest), shape (n, 3) or (3,);
+        radius [m], density [kg/m³] (default: 1000) or mass [kg], and restitution 0 to 1 (default: 0.6), shape (n,) or
+        one number for all. Arrays of a GPU are copied.
 
         All or nothing. Raises InvalidValue, with field and index, for a number out of range or a wrong shape;
         OutOfMemory where the device is too small.
         """
+        given = {
+            "position": position,
+            "radius": radius,
+            "velocity": velocity,
+            "density": density,
+            "mass": mass,
+            "restitution": restitution,
+        }
         if spheres is None:
-            if position is None or radius is None:
-                missing = "position" if position is None else "radius"
-                raise InvalidValue(f"{missing}: found None; allowed: an array (or give Spheres)", missing)
-            spheres = _spheres(position, radius, velocity, density, mass, restitution)
+            spheres = _spheres(given)
+        elif extra := [field for field, value in given.items() if value is not None]:
+            raise InvalidValue(f"{extra[0]}: found beside Spheres; allowed: either Spheres or arrays by name", extra[0])
         first = self._world.add(
             spheres.position, spheres.velocity, spheres.radius, spheres.mass, spheres.restitution
         )
@@ -238,49 +245,55 @@ def to_numpy(array: Any) -> NDArray[Any]:
 
 
 def _three(field: str, value: ArrayLike) -> list[float]:
-    numbers = np.asarray(value, dtype=np.float64)
+    numbers = _numbers(field, value)
     if numbers.shape != (3,):
         raise InvalidValue(f"{field}: found an array of shape {numbers.shape}; allowed: three numbers", field)
     return numbers.tolist()
 
 
-def _spheres(
-    position: ArrayLike,
-    radius: ArrayLike,
-    velocity: ArrayLike,
-    density: ArrayLike,
-    mass: ArrayLike | None,
-    restitution: ArrayLike,
-) -> Spheres:
-    position = _numbers("position", position)
-    radius = _numbers("radius", radius)
+def _spheres(given: dict[str, Any]) -> Spheres:
+    for field in ("position", "radius"):
+        if given[field] is None:
+            raise InvalidValue(f"{field}: found None; allowed: an array (or give Spheres)", field)
+    if given["mass"] is not None and given["density"] is not None:
+        raise InvalidValue("density: found beside mass; allowed: one of the two", "density")
+    defaults = {"velocity": (0.0, 0.0, 0.0), "density": 1000.0, "restitution": 0.6}
+    arrays = {
+        field: _numbers(field, defaults[field] if value is None else value)
+        for field, value in given.items()
+        if value is not None or field in defaults
+    }
+    position, radius = arrays["position"], arrays["radius"]
     count = len(position) if position.ndim == 2 else len(radius) if radius.ndim == 1 else 1
     radius = _broadcast("radius", radius, (count,))
-    if mass is None:
-        volume = np.float32(4.18879020) * (radius * radius * radius)
-        density = _broadcast("density", _numbers("density", density), (count,))
-        bad = np.flatnonzero(~(density > 0) | ~np.isfinite(density))
-        if bad.size:
-            i = int(bad[0])
-            raise InvalidValue(
-                f"density[{i}]: found {density[i]:g}; allowed: a finite number above 0 [kg/m³]", "density", i
-            )
-        weights = density * volume
-    else:
-        weights = _broadcast("mass", _numbers("mass", mass), (count,))
     return Spheres(
         position=_broadcast("position", position, (count, 3)),
-        velocity=_broadcast("velocity", _numbers("velocity", velocity), (count, 3)),
+        velocity=_broadcast("velocity", arrays["velocity"], (count, 3)),
         radius=radius,
-        mass=weights,
-        restitution=_broadcast("restitution", _numbers("restitution", restitution), (count,)),
+        mass=_broadcast("mass", arrays["mass"], (count,)) if "mass" in arrays else _weigh(arrays["density"], radius),
+        restitution=_broadcast("restitution", arrays["restitution"], (count,)),
     )
 
 
+def _weigh(density: NDArray[np.float32], radius: NDArray[np.float32]) -> NDArray[np.float32]:
+    density = _broadcast("density", density, radius.shape)
+    bad = np.flatnonzero(~(density > 0) | ~np.isfinite(density))
+    if bad.size:
+        i = int(bad[0])
+        raise InvalidValue(
+            f"density[{i}]: found {density[i]:g}; allowed: a finite number above 0 [kg/m³]", "density", i
+        )
+    with np.errstate(all="ignore"):  # a radius out of range is refused by the world
+        return density * (np.float32(4.18879020) * (radius * radius * radius))  # 4/3 π r³
+
+
 def _numbers(field: str, value: Any) -> NDArray[np.float32]:
-    array = to_numpy(value) if hasattr(value, "__dlpack_device__") else np.asarray(value)
+    try:
+        array = to_numpy(value) if hasattr(value, "__dlpack_device__") else np.asarray(value)
+    except ValueError:
+        raise InvalidValue(f"{field}: found rows of different lengths; allowed: an array of numbers", field) from None
     if array.dtype.kind not in "fiu":
-        raise InvalidValue(f"{field}: found an array of {array.dtype}; allowed: numbers", field)
+        raise InvalidValue(f"{field}: found an array of {array.dtype}; allowed: real numbers", field)
     with np.errstate(over="ignore"):  # what does not fit becomes infinite, and infinite is refused by name
         return array.astype(np.float32, copy=False)
 

@@ -46,6 +46,7 @@ concept Backend = requires(B backend, typename B::template Buffer<std::uint32_t>
   backend.sort_pairs(static_cast<const std::uint32_t*>(words), words, static_cast<const std::uint32_t*>(words), words,
                      n, bits);
   backend.fill_zero(words, n);
+  backend.copy(words, static_cast<const std::uint32_t*>(words), n);  // within the device
   backend.copy_to_device(words, static_cast<const std::uint32_t*>(words), n);
   backend.copy_to_host(words, static_cast<const std::uint32_t*>(words), n);
   // Stages may still run when the call that started them returns; after copy_to_host() and synchronize() none does.

@@ -126,12 +126,16 @@ class CpuBackend {
     if (n > 0) std::memset(data, 0, static_cast<std::size_t>(n) * sizeof(T));
   }
   template <class T>
+  void copy(T* to, const T* from, std::int64_t n) {
+    if (n > 0) std::memcpy(to, from, static_cast<std::size_t>(n) * sizeof(T));
+  }
+  template <class T>
   void copy_to_device(T* device, const T* host, std::int64_t n) {
-    if (n > 0) std::memcpy(device, host, static_cast<std::size_t>(n) * sizeof(T));
+    copy(device, host, n);
   }
   template <class T>
   void copy_to_host(T* host, const T* device, std::int64_t n) {
-    if (n > 0) std::memcpy(host, device, static_cast<std::size_t>(n) * sizeof(T));
+    copy(host, device, n);
   }
   void synchronize() {}
 

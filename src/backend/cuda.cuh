@@ -162,6 +162,10 @@ class CudaBackend {
     check(cudaMemsetAsync(data, 0, static_cast<std::size_t>(n) * sizeof(T), stream_.get()), "cudaMemset");
   }
   template <class T>
+  void copy(T* to, const T* from, std::int64_t n) {
+    copy(to, from, n, cudaMemcpyDeviceToDevice);
+  }
+  template <class T>
   void copy_to_device(T* device, const T* host, std::int64_t n) {
     copy(device, host, n, cudaMemcpyHostToDevice);
   }

@@ -1,31 +1,16 @@
 #include "thread_pool.hpp"
 
 #include <algorithm>
-#include <cfenv>
 #include <condition_variable>
 #include <cstdint>
 #include <mutex>
 #include <thread>
 #include <vector>
 
+#include "../float_environment.hpp"
+
 namespace fastcollide {
 namespace {
-
-// The host program may have switched rounding or flushed denormals to zero (some libraries do at import), which would
-// change the bits: work runs in the default environment.
-class DefaultFloatEnvironment {
- public:
-  DefaultFloatEnvironment() {
-    std::fegetenv(&saved_);
-    std::fesetenv(FE_DFL_ENV);
-  }
-  ~DefaultFloatEnvironment() { std::fesetenv(&saved_); }
-  DefaultFloatEnvironment(const DefaultFloatEnvironment&) = delete;
-  DefaultFloatEnvironment& operator=(const DefaultFloatEnvironment&) = delete;
-
- private:
-  std::fenv_t saved_;
-};
 
 class ThreadPool {
  public:

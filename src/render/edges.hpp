@@ -27,7 +27,7 @@ inline bool project_edge(const PerspectiveView& pixels, Vec3 a, Vec3 b, Projecte
 struct DrawEdge {
   ProjectedEdge edge;
   bool along_x;
-  int begin;  // first pixel along
+  int begin;         // first pixel along
   float half_width;  // pixels
   float strength;
   Vec3 color;  // stored, 0 to 1

@@ -33,7 +33,7 @@ struct OcclusionCell {
 
 struct ClearOcclusion {
   PerspectiveView samples, cells;
-  int cell_samples;  // along each axis
+  int cell_samples;   // along each axis
   Vec3 floor_normal;  // in view axes
   const Sphere* spheres;
   const std::uint64_t* nearest;

@@ -19,10 +19,10 @@ struct Light {
 };
 
 struct PictureOptions {
-  int width = 1280, height = 720;  // pixels
-  int supersampling = 2;           // samples a pixel has along each axis, 1 to 4
+  int width = 1280, height = 720;                                // pixels
+  int supersampling = 2;                                         // samples a pixel has along each axis, 1 to 4
   Vec3 lower{-10.0f, -10.0f, 0.0f}, upper{10.0f, 10.0f, 20.0f};  // the box whose edges and floor are drawn
-  std::uint8_t color_table[256][3] = {};                          // sRGB, from value_low to value_high
+  std::uint8_t color_table[256][3] = {};                         // sRGB, from value_low to value_high
   float value_low = 0.0f, value_high = 1.0f;
   Light light;
 };

@@ -2,6 +2,7 @@
 // and on CUDA: minima and integer sums in place of order, and only correctly rounded arithmetic (math.hpp).
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <numeric>
 
@@ -25,8 +26,8 @@ class Renderer {
     const int s = options.supersampling;
     const int cell_columns = (options.width + occlusion_cell - 1) / occlusion_cell;
     const int cell_rows = (options.height + occlusion_cell - 1) / occlusion_cell;
-    const PerspectiveView samples = perspective_view(camera, options.width, options.height, 1.0f / s,
-                                                     options.width * s, options.height * s);
+    const PerspectiveView samples =
+        perspective_view(camera, options.width, options.height, 1.0f / s, options.width * s, options.height * s);
     const PerspectiveView cells =
         perspective_view(camera, options.width, options.height, occlusion_cell, cell_columns, cell_rows);
     const ParallelView light = parallel_view(options.light, options.lower, options.upper, shadow_map_size);
@@ -44,9 +45,8 @@ class Renderer {
     occlusion_.resize(std::int64_t(cell_columns) * cell_rows);
     tiles = place(cells, occlusion_reach, n, positions, radii);
     backend_.for_each(occlusion_.size(),
-                      ClearOcclusion{samples, cells, occlusion_cell * s,
-                                     turned_into(samples.axes, {0.0f, 0.0f, 1.0f}), spheres_.data(), nearest_.data(),
-                                     occlusion_.data()});
+                      ClearOcclusion{samples, cells, occlusion_cell * s, turned_into(samples.axes, {0.0f, 0.0f, 1.0f}),
+                                     spheres_.data(), nearest_.data(), occlusion_.data()});
     backend_.for_each(tiles, AddOcclusion{cells, numbered(n), spheres_.data(), occlusion_.data()});
 
     const std::int64_t pixels = std::int64_t(options.width) * options.height;
@@ -54,7 +54,7 @@ class Renderer {
     backend_.copy_to_device(color_table_.data(), &options.color_table[0][0], color_table_.size());
     rgb_.resize(3 * pixels);
     shade(options, scene(options, camera, samples, light, positions, radii, values));
-    draw_edges(options, camera, cells);
+    draw_edges(options, camera);
     backend_.copy_to_host(rgb_host, rgb_.data(), 3 * pixels);
     backend_.synchronize();
   }
@@ -82,6 +82,7 @@ class Renderer {
               const ParallelView& light, const float* positions, const float* radii, const float* values) {
     Scene scene;
     scene.view = samples;
+    scene.pixel_step = samples.step * static_cast<float>(options.supersampling);
     scene.light = light;
     scene.towards_light = normalized(options.light.towards);
     scene.lower = options.lower;
@@ -116,13 +117,13 @@ class Renderer {
     stage.height = options.height;
     stage.supersampling = options.supersampling;
     stage.bands = (options.height + ShadePixels::band_rows - 1) / ShadePixels::band_rows;
-    stage.band_stride = larger_int(1, stage.bands * 5 / 8);
+    stage.band_stride = std::max(1, stage.bands * 5 / 8);
     while (std::gcd(stage.band_stride, stage.bands) != 1) ++stage.band_stride;
     stage.rgb = rgb_.data();
     backend_.for_each(std::int64_t(stage.bands) * ShadePixels::band_rows * options.width, stage);
   }
 
-  void draw_edges(const PictureOptions& options, const Camera& camera, const PerspectiveView&) {
+  void draw_edges(const PictureOptions& options, const Camera& camera) {
     const PerspectiveView pixels =
         perspective_view(camera, options.width, options.height, 1.0f, options.width, options.height);
     for (int number = 0; number < 12; ++number) {
@@ -141,8 +142,9 @@ class Renderer {
       if (high <= low || !(to > from)) continue;
       const float half_width = 0.5f * larger(1.0f, static_cast<float>(options.height) / 640.0f);
       const Palette look;
-      backend_.for_each(high - low, DrawEdge{edge, along_x, low, half_width, 0.55f, look.line, options.width,
-                                             options.height, options.supersampling, nearest_.data(), rgb_.data()});
+      backend_.for_each(high - low,
+                        DrawEdge{edge, along_x, low, half_width, look.line_strength, look.line, options.width,
+                                 options.height, options.supersampling, nearest_.data(), rgb_.data()});
     }
   }
 
@@ -150,8 +152,6 @@ class Renderer {
     return {bits & 1 ? options.upper.x : options.lower.x, bits & 2 ? options.upper.y : options.lower.y,
             bits & 4 ? options.upper.z : options.lower.z};
   }
-
-  static int larger_int(int a, int b) { return a > b ? a : b; }
 
   // The largest of 1, 2, 5 times a power of ten that is not above x.
   static float round_length(float x) {

@@ -22,7 +22,8 @@ struct Palette {
   Vec3 horizon{0.945f, 0.951f, 0.960f};
   Vec3 zenith{0.790f, 0.835f, 0.885f};
   Vec3 floor{0.925f, 0.931f, 0.940f};
-  Vec3 line{0.36f, 0.41f, 0.48f};
+  Vec3 line{0.36f, 0.41f, 0.48f};  // of the box's edges
+  float line_strength = 0.55f;
   Vec3 sun{1.00f, 0.97f, 0.92f};
   float sun_strength = 1.22f;
   Vec3 sky{0.93f, 0.97f, 1.00f};
@@ -32,17 +33,18 @@ struct Palette {
   float highlight = 0.32f;
   float occlusion = 1.3f;         // strength on spheres
   float floor_sun_share = 0.30f;  // how much of the floor's brightness a shadow takes
-  float grid_strength = 0.055f;
+  float grid_strength = 0.22f;
   float haze = 0.10f;  // of the horizon's colour at the far end of the box
 };
 
 // All that a pixel needs to know, in world axes unless said otherwise.
 struct Scene {
   PerspectiveView view;  // of samples
+  float pixel_step;      // slope from one pixel to the next
   ParallelView light;
   Vec3 towards_light;
   Vec3 lower, upper;
-  float grid_spacing;         // of the floor, m
+  float grid_spacing;          // of the floor, m
   float fade_begin, fade_end;  // distance from the middle of the floor over which it becomes the horizon
   float haze_begin, haze_end;  // depth
   float value_low, value_scale;
@@ -118,12 +120,11 @@ FC_HOST_DEVICE inline Vec3 floor_color(const Scene& scene, Vec3 point, Vec3 towa
   const float inside = smaller(smaller(point.x - scene.lower.x, scene.upper.x - point.x),
                                smaller(point.y - scene.lower.y, scene.upper.y - point.y));
   if (inside > 0.0f) {
-    const float pixel = depth * scene.view.step * 2.0f;
-    const float slant = pixel / larger(towards_eye.z, 0.05f);
+    const float slant = depth * scene.pixel_step / larger(towards_eye.z, 0.05f);
     const float half_width = 0.008f * scene.grid_spacing;
     const float x = grid_cover(point.x - middle.x, scene.grid_spacing, half_width, slant);
     const float y = grid_cover(point.y - middle.y, scene.grid_spacing, half_width, slant);
-    color = color * (1.0f - look.grid_strength * larger(x, y) * 4.0f);
+    color = color * (1.0f - look.grid_strength * larger(x, y));
   }
   return mixed(color, far, fade);
 }
@@ -162,9 +163,11 @@ struct ShadePixels {
   Scene scene;
   int width, height, supersampling;
   int bands, band_stride;  // see row_of
+  const std::uint64_t* nearest;
   std::uint8_t* rgb;
 
   static constexpr int band_rows = 8;
+  static constexpr int most_samples = 16;  // in a pixel
 
   // Threads get equal, contiguous runs of items, but spheres lie at the bottom of the picture and the sky is cheap:
   // bands of rows are dealt out in an order in which every run of them is spread over the whole picture.
@@ -177,10 +180,10 @@ struct ShadePixels {
     const int x = static_cast<int>(item % width), y = row_of(item);
     if (y >= height) return;
     const int s = supersampling;
-    std::uint64_t keys[16];
+    std::uint64_t keys[most_samples];
     for (int j = 0; j < s; ++j) {
       for (int i = 0; i < s; ++i) {
-        keys[j * s + i] = scene_key(x * s + i, y * s + j);
+        keys[j * s + i] = nearest[(static_cast<std::int64_t>(y) * s + j) * scene.view.width + (x * s + i)];
       }
     }
     Vec3 color{0.0f, 0.0f, 0.0f};
@@ -199,8 +202,8 @@ struct ShadePixels {
       const float share = 1.0f / static_cast<float>(count);
       const Vec3 seen = shade(index, static_cast<float>(x * s) + static_cast<float>(sum_x) * share,
                               static_cast<float>(y * s) + static_cast<float>(sum_y) * share);
-      color = color + Vec3{smaller(seen.x, 1.0f), smaller(seen.y, 1.0f), smaller(seen.z, 1.0f)} *
-                          static_cast<float>(count);
+      color =
+          color + Vec3{smaller(seen.x, 1.0f), smaller(seen.y, 1.0f), smaller(seen.z, 1.0f)} * static_cast<float>(count);
     }
     const float share = 1.0f / static_cast<float>(s * s);
     std::uint8_t* const pixel = rgb + 3 * (static_cast<std::int64_t>(y) * width + x);
@@ -209,11 +212,6 @@ struct ShadePixels {
     pixel[1] = stored(color.y * share, rounding);
     pixel[2] = stored(color.z * share, rounding);
   }
-
-  FC_HOST_DEVICE std::uint64_t scene_key(int x, int y) const {
-    return nearest[static_cast<std::int64_t>(y) * scene.view.width + x];
-  }
-  const std::uint64_t* nearest;
 
   FC_HOST_DEVICE static std::uint8_t stored(float light, float rounding) {
     return static_cast<std::uint8_t>(square_root(clamp(light, 0.0f, 1.0f)) * 255.0f + rounding);

@@ -117,8 +117,7 @@ struct ParallelView {
   FC_HOST_DEVICE SampleBox footprint(Sphere s) const {
     SampleBox box;
     cover((s.center.x - s.radius) / step - 0.5f, (s.center.x + s.radius) / step - 0.5f, width, box.x_begin, box.x_end);
-    cover((s.center.y - s.radius) / step - 0.5f, (s.center.y + s.radius) / step - 0.5f, height, box.y_begin,
-          box.y_end);
+    cover((s.center.y - s.radius) / step - 0.5f, (s.center.y + s.radius) / step - 0.5f, height, box.y_begin, box.y_end);
     return box;
   }
 
@@ -131,7 +130,8 @@ struct ParallelView {
   }
 };
 
-// `cell` pixels (or a part of one) become one sample: 0.5 for two samples along a pixel, 2 for one sample in two pixels.
+// `cell` pixels (or a part of one) become one sample: 0.5 for two samples along a pixel, 2 for one sample in two
+// pixels.
 inline PerspectiveView perspective_view(const Camera& camera, int width, int height, float cell, int columns,
                                         int rows) {
   PerspectiveView view;
@@ -152,8 +152,8 @@ inline ParallelView parallel_view(const Light& light, Vec3 lower, Vec3 upper, in
   view.axes = axes_looking(light.towards * -1.0f, Vec3{0.0f, 0.0f, 1.0f});
   Vec3 low{no_hit, no_hit, no_hit}, high{-no_hit, -no_hit, -no_hit};
   for (int corner = 0; corner < 8; ++corner) {
-    const Vec3 p = turned_into(view.axes, {corner & 1 ? upper.x : lower.x, corner & 2 ? upper.y : lower.y,
-                                           corner & 4 ? upper.z : lower.z});
+    const Vec3 p = turned_into(
+        view.axes, {corner & 1 ? upper.x : lower.x, corner & 2 ? upper.y : lower.y, corner & 4 ? upper.z : lower.z});
     low = {smaller(low.x, p.x), smaller(low.y, p.y), smaller(low.z, p.z)};
     high = {larger(high.x, p.x), larger(high.y, p.y), larger(high.z, p.z)};
   }

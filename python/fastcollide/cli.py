@@ -1,0 +1,150 @@
+"""The program `fastcollide`: its commands. What they do lies in the modules that they call."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+import fastcollide as fc
+from fastcollide.console import (
+    EXIT_BAD_USAGE,
+    EXIT_INTERRUPTED,
+    fail,
+    guard,
+    render_and_report,
+    run_and_report,
+)
+from fastcollide.info import print_info
+from fastcollide.menu import show_menu
+from fastcollide.parameters import Parameter
+from fastcollide.positional import ORDER, is_positional, parse_positional
+from fastcollide.report_table import test_and_report
+from fastcollide.settings import PARAMETERS, QUICK_DEMO, RENDER_PARAMETERS, PictureSettings, RunSettings
+
+
+def _positional_usage() -> str:
+    example = " ".join(PARAMETERS[name].default_text for name in ORDER)
+    names = ", ".join(name.replace("_", " ") for name in ORDER)
+    return f"""\b
+Without a command:
+  fastcollide            the menu, at a terminal
+  fastcollide --test     the performance table
+  fastcollide {example}
+                         a run from values alone
+
+The values are {names} (1 or 0); trailing ones can be left out.
+
+Exit codes: 0 fine, 1 failure, 2 bad usage, 130 stopped by Ctrl-C."""
+
+
+def _option(parameter: Parameter) -> Callable[[Any], Any]:
+    if parameter.name == "make_video":
+        return click.option(
+            "--no-video",
+            parameter.name,
+            is_flag=True,
+            help="Make no video.",
+            callback=lambda context, option, is_given: False if is_given else None,
+        )
+    return click.option(
+        parameter.option,
+        parameter.name,
+        nargs=max(1, len(parameter.value_names)),
+        metavar=" ".join(parameter.value_names) or parameter.kind.metavar,
+        help=f"{parameter.help}  [{parameter.allowed}; default: {parameter.default_text}]",
+        callback=lambda context, option, words: None if words is None else parameter.parse(words),
+    )
+
+
+def _options(parameters: dict[str, Parameter]) -> Callable[[Any], Any]:
+    """An option for each parameter. One that is not given is None, and left to the default of the table."""
+
+    def add_to(command: Any) -> Any:
+        for parameter in reversed(parameters.values()):
+            command = _option(parameter)(command)
+        return command
+
+    return add_to
+
+
+def _given(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if value is not None}
+
+
+@click.group(epilog=_positional_usage(), context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(fc.__version__, prog_name="fastcollide")
+def commands() -> None:
+    """Spheres that fall and collide, on the CPU or a GPU, with the same result to the last bit."""
+
+
+@commands.command()
+@_options(PARAMETERS)
+def run(**values: Any) -> int:
+    """Simulate; write frame files, a video and a picture; print a summary."""
+    return run_and_report(RunSettings(**_given(values)))
+
+
+@commands.command()
+def demo() -> int:
+    """The quick demo of the menu."""
+    return run_and_report(QUICK_DEMO)
+
+
+@commands.command()
+@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@_options(RENDER_PARAMETERS)
+def render(folder: Path, bounds: Any, **values: Any) -> int:
+    """Make a video of the frame files in FOLDER."""
+    corners = (bounds[:3], bounds[3:]) if bounds else None
+    return render_and_report(folder, corners, PictureSettings(**_given(values)))
+
+
+@commands.command()
+def info() -> int:
+    """Show this build and the devices of this machine."""
+    return print_info()
+
+
+@commands.command(hidden=True)
+@_options({name: PARAMETERS[name] for name in ("device", "threads")})
+@click.option("--json", "as_json", is_flag=True, help="Print JSON in place of tables.")
+def test(device: str | None, threads: int | None, as_json: bool) -> int:
+    """Measure the report's performance table.
+
+    Without options: on the CPU with one thread and with all, and on each GPU.
+    """
+    return test_and_report(device, threads, as_json)
+
+
+def _dispatch(arguments: Sequence[str]) -> int:
+    if not arguments:
+        if sys.stdin.isatty() and sys.stdout.isatty():
+            return show_menu()
+        commands.main(["--help"], prog_name="fastcollide", standalone_mode=False)
+        return EXIT_BAD_USAGE
+    if is_positional(arguments):
+        return run_and_report(parse_positional(arguments))
+    if "--test" in arguments:
+        arguments = ["test", *(word for word in arguments if word != "--test")]
+    code: int = commands.main(list(arguments), prog_name="fastcollide", standalone_mode=False)
+    return code
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the program and returns its exit code."""
+    try:
+        return guard(lambda: _dispatch(sys.argv[1:] if arguments is None else arguments))
+    except click.ClickException as error:
+        fail(error.format_message())
+        return EXIT_BAD_USAGE
+    except click.Abort:  # click's word for Ctrl-C
+        fail("stopped by Ctrl-C")
+        return EXIT_INTERRUPTED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

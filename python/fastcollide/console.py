@@ -1,0 +1,144 @@
+"""What a run shows on the screen: where it computes, how far it is, what came out."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+import fastcollide as fc
+from fastcollide.frames import FrameError
+from fastcollide.parameters import InvalidSetting
+from fastcollide.pictures import check_picture_files, make_picture_folders
+from fastcollide.render import Bounds
+from fastcollide.run import RunSummary, create_world, simulate
+from fastcollide.settings import PictureSettings, RunSettings
+from fastcollide.video import VideoError, render_folder
+
+EXIT_FINE = 0
+EXIT_FAILURE = 1
+EXIT_BAD_USAGE = 2
+EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
+
+
+class _Rate(ProgressColumn):
+    """Frames done per second."""
+
+    def render(self, task: Task) -> Text:
+        return Text(f"{task.speed:,.1f}/s" if task.speed else "")
+
+
+@contextmanager
+def progress_bar(label: str, total: int | None = None) -> Iterator[Callable[[int, int], None]]:
+    """A bar with rate and remaining time on stderr; nothing at all where that is no terminal.
+
+    Yields a function that takes how many are done, and of how many.
+    """
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(), TimeRemainingColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        task = progress.add_task(label, total=total)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+def say(label: str, text: str) -> None:
+    """One line of a summary. Never wrapped, so that it can be searched and its paths be copied."""
+    print(f"{label:<16}{text}", flush=True)
+
+
+def fail(message: str) -> None:
+    """One line about what went wrong, on stderr."""
+    print("fastcollide: " + " ".join(message.split()), file=sys.stderr)
+
+
+def guard(action: Callable[[], int]) -> int:
+    """The exit code of the action; what a person can do something about becomes one line on stderr."""
+    try:
+        return action()
+    except (InvalidSetting, fc.InvalidValue) as error:
+        fail(str(error))
+        return EXIT_BAD_USAGE
+    except OSError as error:
+        fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    except (FrameError, fc.DeviceError, fc.SimulationError, VideoError) as error:
+        fail(str(error))
+    except MemoryError as error:
+        fail(f"not enough memory: {error}")
+    except KeyboardInterrupt:
+        fail("stopped by Ctrl-C")
+        return EXIT_INTERRUPTED
+    return EXIT_FAILURE
+
+
+def run_and_report(settings: RunSettings) -> int:
+    """Runs these settings in front of a person and returns the exit code."""
+    world = create_world(settings)
+    say("device", f"{world.device} ({world.device_name})")
+    say("spheres", f"{settings.particles:,}, for {settings.frames:,} frames of 1/{settings.fps} s")
+    with progress_bar("frames", settings.frames) as show_progress:
+        summary = simulate(world, settings, on_frame=lambda frame: show_progress(frame, settings.frames))
+    _show(settings, summary)
+    if not summary.stopped_early:
+        return EXIT_FINE
+    fail(f"stopped by Ctrl-C after {summary.frames:,} of {settings.frames:,} frames; all files are whole")
+    return EXIT_INTERRUPTED
+
+
+def render_and_report(folder: Path, bounds: Bounds | None, settings: PictureSettings) -> int:
+    """Makes video and still of a folder of frame files in front of a person and returns the exit code.
+
+    bounds: lower and upper corner of the box that they come from [m]; None takes one that holds the spheres.
+    """
+    files = settings.picture_files
+    check_picture_files(settings)
+    make_picture_folders(settings)
+    with progress_bar("pictures") as show_progress:
+        pictures = render_folder(
+            folder,
+            video=files.get("video"),
+            still=files.get("still"),
+            bounds=bounds,
+            width=settings.width,
+            height=settings.height,
+            supersampling=settings.supersampling,
+            camera=settings.camera,
+            color_by=settings.color_by,
+            color_range=settings.color_range,
+            color_map=settings.color_map,
+            fps=settings.video_fps,
+            quality=settings.quality,
+            device=settings.device,
+            threads=settings.threads,
+            progress=show_progress,
+        )
+    say("pictures", f"{pictures:,}")
+    _show_picture_files(settings)
+    return EXIT_FINE
+
+
+def _show(settings: RunSettings, summary: RunSummary) -> None:
+    energy = summary.energy
+    say("time", f"{summary.seconds:.2f} s, of which the simulation {summary.step_seconds:.2f} s")
+    say("speed", f"{summary.frames_per_second:,.1f} FPS")
+    say("contacts", f"{summary.contacts:,}")
+    say("energy", f"{energy.total:.6g} J ({energy.kinetic:.6g} kinetic, {energy.potential:.6g} potential)")
+    say("largest overlap", f"{summary.max_overlap:.6g} m")
+    say("state hash", f"{summary.state_hash:016x}")
+    if settings.export_every:
+        replaced = (
+            f"; replaced {summary.replaced_frame_files:,} of an earlier run" if summary.replaced_frame_files else ""
+        )
+        say("frame files", f"{summary.frame_files:,} in {settings.output.resolve()}{replaced}")
+    if settings.make_video:
+        say("pictures", f"{summary.pictures:,}, {settings.pictures_per_second} a second")
+    _show_picture_files(settings)
+
+
+def _show_picture_files(settings: PictureSettings) -> None:
+    for name, path in settings.picture_files.items():
+        say(name, str(path.resolve()))

@@ -1,0 +1,21 @@
+"""`fastcollide info`: what this build is and what it can compute on here."""
+
+from __future__ import annotations
+
+import fastcollide as fc
+from fastcollide.console import EXIT_FINE, say
+
+
+def print_info() -> int:
+    """Prints the build and the devices; returns the exit code."""
+    build = fc.build_info()
+    say("version", build.version)
+    say("compiler", build.compiler)
+    cuda = f"{build.cuda}, for {build.cuda_architectures}" if build.cuda else "built without"
+    say("CUDA", cuda)
+    devices = fc.devices()
+    for device in devices:
+        say(device.name, f"{device.description}, {device.memory_bytes / 2**30:.1f} GiB")
+    if build.cuda and all(device.name == "cpu" for device in devices):
+        say("", "no CUDA device found")
+    return EXIT_FINE

@@ -1,0 +1,236 @@
+"""The settings of a run: the one table of names, defaults, units and ranges.
+
+Command line options, menu prompts, the positional form and every check are made from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, get_args
+
+from fastcollide.colormaps import COLOR_MAPS
+from fastcollide.parameters import Choice, DeviceName, FilePath, InvalidSetting, Kind, Parameter, Real, Switch, Whole
+from fastcollide.render import ColorBy
+
+DEFAULT_VIDEO_FPS = 30
+
+
+def _about(kind: Kind, help: str, **details: Any) -> dict[str, Any]:
+    return {"kind": kind, "help": help, **details}
+
+
+def parameters_of(settings: type[PictureSettings]) -> dict[str, Parameter]:
+    """The table of these settings; a class's own ones come before those it shares."""
+    entries = [entry for entry in fields(settings) if entry.name not in PictureSettings.__annotations__]
+    entries += fields(PictureSettings)
+    return {entry.name: Parameter(entry.name, entry.default, **entry.metadata) for entry in entries}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureSettings:
+    """How pictures are made and where everything is computed: what a run and `render` share.
+
+    Raises InvalidSetting where a value is outside its range.
+    """
+
+    device: str = field(
+        default="auto", metadata=_about(DeviceName(), "Where to compute; auto takes a GPU if there is one.")
+    )
+    threads: int | None = field(default=None, metadata=_about(Whole(1, 1024), "Threads on the CPU.", unset="all cores"))
+    video: Path = field(default=Path("video.mp4"), metadata=_about(FilePath((".mp4",)), "Video file."))
+    make_video: bool = field(default=True, metadata=_about(Switch(), "Make the video or not."))
+    still: Path | None = field(
+        default=None,
+        metadata=_about(FilePath((".png",)), "Also write a picture of the last frame.", unset="no picture"),
+    )
+    video_fps: int | None = field(
+        default=None,
+        metadata=_about(
+            Whole(1, 240),
+            "Pictures per second of the video, which always plays in real time.",
+            unit="pictures/s",
+            unset=f"{DEFAULT_VIDEO_FPS}, or fps if that is less",
+        ),
+    )
+    width: int = field(default=1280, metadata=_about(Whole(64, 7680, even=True), "Width of a picture.", unit="pixels"))
+    height: int = field(default=720, metadata=_about(Whole(64, 4320, even=True), "Height of a picture.", unit="pixels"))
+    supersampling: int = field(default=2, metadata=_about(Whole(1, 4), "Draw N times N samples for each pixel."))
+    color_by: ColorBy = field(default="speed", metadata=_about(Choice(get_args(ColorBy)), "What the colours show."))
+    color_range: tuple[float, float] | None = field(
+        default=None,
+        metadata=_about(
+            Real(-1e9, 1e9), "Values at the two ends of the colours.", value_names=("LOW", "HIGH"), unset="to suit"
+        ),
+    )
+    color_map: str = field(default="ember", metadata=_about(Choice(COLOR_MAPS), "Which colours."))
+    camera: str = field(default="auto", metadata=_about(Choice(("auto", "front", "top")), "Where to look from."))
+    quality: int = field(
+        default=75, metadata=_about(Whole(0, 100), "Quality of the video, from a small file to no loss to be seen.")
+    )
+
+    def __post_init__(self) -> None:
+        for name, parameter in parameters_of(type(self)).items():
+            parameter.check(getattr(self, name))
+        if self.color_range is not None and self.color_range[0] >= self.color_range[1]:
+            raise InvalidSetting("color_range", "{:g} {:g}".format(*self.color_range), "the lower value first")
+
+    @property
+    def picture_files(self) -> dict[str, Path]:
+        """The files with pictures that are wanted, by the name of their setting."""
+        wanted = {"video": self.video if self.make_video else None, "still": self.still}
+        return {name: path for name, path in wanted.items() if path is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings(PictureSettings):
+    """All settings of one run; the defaults are the report's example.
+
+    Raises InvalidSetting where a value is outside its range or two values contradict each other.
+    """
+
+    particles: int = field(default=2000, metadata=_about(Whole(1, 100_000_000), "Number of spheres."))
+    frames: int = field(default=600, metadata=_about(Whole(1, 10_000_000), "Number of frames to simulate."))
+    fps: int = field(
+        default=60,
+        metadata=_about(Whole(1, 10_000), "Simulated frames per second; a frame lasts 1/fps seconds.", unit="frames/s"),
+    )
+    export_every: int = field(
+        default=2, metadata=_about(Whole(0, 10_000_000), "Write a frame file after every N-th frame; 0 writes none.")
+    )
+    gravity: float = field(
+        default=-9.8, metadata=_about(Real(-1000, 1000), "Acceleration along z; negative pulls down.", unit="m/s²")
+    )
+    damping: float = field(
+        default=0.999,
+        metadata=_about(Real(0, 1, without_minimum=True), "Part of the speed that the air leaves after each frame."),
+    )
+    drag: float | None = field(
+        default=None,
+        metadata=_about(
+            Real(0, 10_000), "Air drag, in place of the damping per frame.", unit="1/s", unset="from the damping"
+        ),
+    )
+    floor_restitution: float = field(
+        default=0.6, metadata=_about(Real(0, 1), "Part of the normal speed that the floor gives back.")
+    )
+    wall_friction: float = field(
+        default=0.0, metadata=_about(Real(0, 100), "Coulomb friction coefficient of the walls.")
+    )
+    bounds: tuple[float, float, float, float, float, float] = field(
+        default=(-10.0, -10.0, 0.0, 10.0, 10.0, 20.0),
+        metadata=_about(
+            Real(-10_000, 10_000),
+            "Lower and upper corner of the box.",
+            unit="m",
+            value_names=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        ),
+    )
+    seed: int = field(
+        default=1, metadata=_about(Whole(0, 2**64 - 1), "Number of the random start; the same one gives the same run.")
+    )
+    radius: tuple[float, float] = field(
+        default=(0.05, 0.4),
+        metadata=_about(
+            Real(0, 10_000, without_minimum=True), "Smallest and largest radius.", unit="m", value_names=("MIN", "MAX")
+        ),
+    )
+    speed: tuple[float, float, float] = field(
+        default=(8.0, 8.0, 8.0),
+        metadata=_about(
+            Real(0, 10_000),
+            "Largest speed at the start: x and y both ways, z upwards.",
+            unit="m/s",
+            value_names=("VX", "VY", "VZ"),
+        ),
+    )
+    restitution: tuple[float, float] = field(
+        default=(0.3, 0.95),
+        metadata=_about(Real(0, 1), "Smallest and largest restitution of the spheres.", value_names=("MIN", "MAX")),
+    )
+    density: float = field(
+        default=1000.0,
+        metadata=_about(Real(0, 1_000_000, without_minimum=True), "Density of the spheres.", unit="kg/m³"),
+    )
+    solver: str = field(default="reference", metadata=_about(Choice(("reference",)), "How contacts are solved."))
+    iterations: int = field(default=5, metadata=_about(Whole(1, 1000), "Contact iterations in each frame."))
+    cell_size: float | None = field(
+        default=None,
+        metadata=_about(
+            Real(0, 10_000, without_minimum=True),
+            "Edge of a grid cell, at least the largest diameter.",
+            unit="m",
+            unset="the largest diameter",
+        ),
+    )
+    output: Path = field(default=Path("output"), metadata=_about(FilePath(), "Folder for the frame files."))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_pairs()
+
+    @property
+    def seconds(self) -> float:
+        """Length of the run [s]."""
+        return self.frames / self.fps
+
+    @property
+    def dt(self) -> float:
+        """Length of a frame [s]."""
+        return 1 / self.fps
+
+    @property
+    def corners(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Lower and upper corner of the box [m]."""
+        return self.bounds[:3], self.bounds[3:]
+
+    @property
+    def pictures_per_second(self) -> int:
+        """Pictures per second of the video."""
+        return min(DEFAULT_VIDEO_FPS, self.fps) if self.video_fps is None else self.video_fps
+
+    def is_export_due(self, frame: int) -> bool:
+        """Whether a frame file is written after this frame (counted from 1)."""
+        return self.export_every > 0 and frame % self.export_every == 0
+
+    def is_picture_due(self, frame: int) -> bool:
+        """Whether the video shows the state after this frame (counted from 1).
+
+        Picture number p belongs to the first frame at or after the time p / pictures_per_second, so the
+        video plays in real time whatever the two rates are.
+        """
+        rate = self.pictures_per_second
+        return frame * rate // self.fps > (frame - 1) * rate // self.fps
+
+    def _check_pairs(self) -> None:
+        for name in ("radius", "restitution"):
+            low, high = getattr(self, name)
+            if low > high:
+                raise InvalidSetting(name, f"{low:g} {high:g}", "the smallest first, then the largest")
+        edges = [upper - lower for lower, upper in zip(*self.corners, strict=True)]
+        if min(edges) <= 0:
+            raise InvalidSetting(
+                "bounds", PARAMETERS["bounds"].text(self.bounds), "an upper corner above the lower one"
+            )
+        if 2 * self.radius[1] > min(edges):
+            raise InvalidSetting(
+                "radius", f"{self.radius[1]:g}", f"at most {min(edges) / 2:g} m, or a sphere does not fit the box"
+            )
+        if self.cell_size is not None and self.cell_size < 2 * self.radius[1]:
+            raise InvalidSetting(
+                "cell_size", f"{self.cell_size:g}", f"at least the largest diameter, {2 * self.radius[1]:g} m"
+            )
+        if self.pictures_per_second > self.fps:
+            raise InvalidSetting("video_fps", self.video_fps, f"at most fps, which is {self.fps}")
+        if self.drag is not None and self.damping != PARAMETERS["damping"].default:
+            raise InvalidSetting("drag", f"{self.drag:g} together with damping {self.damping:g}", "one of the two")
+
+
+PARAMETERS = parameters_of(RunSettings)
+# Frame files say neither what box they come from nor, by their number, how long they last.
+RENDER_PARAMETERS = parameters_of(PictureSettings) | {
+    "video_fps": replace(PARAMETERS["video_fps"], unset="real time"),
+    "bounds": replace(PARAMETERS["bounds"], default=None, unset="a box that holds the spheres"),
+}
+
+QUICK_DEMO = RunSettings(particles=10_000, frames=300, output=Path("demo"))
