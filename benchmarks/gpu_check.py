@@ -28,6 +28,7 @@ def run_scene(program: str, particles: int, frames: int, device: str, block_size
         "device": device,
         "block_size": block_size if device != "cpu" else "",
         "start_hash": re.search(r"start (\w+)", output)[1],
+        "picture_hash": re.search(r"picture (\w+)", output)[1],
         "end_hash": re.search(r"end (\w+)", output)[1],
         "measured": re.search(r"end \w+ (.*)", output)[1],
         "seconds_with_start_up": round(time.perf_counter() - started, 2),
@@ -42,7 +43,7 @@ def compare(program: str) -> tuple[list[dict[str, object]], bool]:
         for block_size in (32, 128, 512):
             found = run_scene(program, particles, frames, "cuda", block_size)
             rows.append(found)
-            same &= all(found[key] == expected[key] for key in ("start_hash", "end_hash", "measured"))
+            same &= all(found[key] == expected[key] for key in ("start_hash", "picture_hash", "end_hash", "measured"))
         print(*rows[-4:], sep="\n", flush=True)
     return rows, same
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class InvalidValue(ValueError):  # noqa: N818 (a name for people, as in the documentation)
+class InvalidValue(ValueError):
     """An argument or a number of the state is outside its range.
 
     field: name of the argument; index: which element of it, or None for a scalar. The message says what was found and
@@ -27,5 +27,5 @@ class SimulationError(RuntimeError):
     """The simulation left the range in which it is exact; the message names the sphere and the frame."""
 
 
-class OutOfMemory(MemoryError):  # noqa: N818
+class OutOfMemory(MemoryError):
     """The device or the host has less memory than asked for."""

@@ -1,10 +1,38 @@
-// Runs the report's scene through the public C++ interface and prints its state hash.
+// Runs the report's scene through the public C++ interface and prints the hashes of its start, its end and a picture.
 //   print_hash [particles [frames [device [threads [block_size]]]]]
 #include <cinttypes>
 #include <cstdio>
 #include <cstdlib>
+#include <vector>
 
+#include "fastcollide/renderer.hpp"
 #include "fastcollide/world.hpp"
+
+namespace {
+
+// FNV-1a over the bytes of a small picture, coloured by radius.
+std::uint64_t picture_hash(fastcollide::World& world) {
+  fastcollide::Picture picture;
+  picture.width = 320;
+  picture.height = 180;
+  picture.box_lower = world.options().lower;
+  picture.box_upper = world.options().upper;
+  const float edge = picture.box_upper[2];
+  picture.eye = {1.0f * edge, -1.7f * edge, 1.1f * edge};
+  picture.target = {0, 0, 0.4f * edge};
+  picture.value_high = 0.4f;
+  for (int i = 0; i < 768; ++i) picture.color_table[i] = static_cast<std::uint8_t>(i / 3 * (1 + i % 3));
+  std::vector<std::uint8_t> rgb(static_cast<std::size_t>(3 * picture.width * picture.height));
+  const fastcollide::ArrayView positions = world.positions(), radii = world.radii();
+  fastcollide::Renderer(world.device()).draw(picture, world.count(), static_cast<const float*>(positions.data),
+                                            static_cast<const float*>(radii.data),
+                                            static_cast<const float*>(radii.data), radii.cuda_device, rgb.data());
+  std::uint64_t hash = 0xCBF29CE484222325u;
+  for (const std::uint8_t byte : rgb) hash = (hash ^ byte) * 0x100000001B3u;
+  return hash;
+}
+
+}  // namespace
 
 int main(int argc, char** argv) {
   const auto number = [&](int i, long otherwise) { return argc > i ? std::atol(argv[i]) : otherwise; };
@@ -26,6 +54,7 @@ int main(int argc, char** argv) {
     world.add(fastcollide::random_spheres(random, options.device == "auto" ? "cpu" : options.device));
     std::printf("start %016" PRIx64 "\n", world.state_hash());
     world.step(number(2, 60), 1.0 / 60);
+    std::printf("picture %016" PRIx64 "\n", picture_hash(world));
     std::printf("end %016" PRIx64 " contacts %" PRId64 " overlap %.9g energy %.17g\n", world.state_hash(),
                 world.contact_count(), static_cast<double>(world.max_overlap()),
                 world.energy().kinetic + world.energy().potential);

@@ -217,7 +217,9 @@ def test_each_parameter_is_among_the_wrong_ones():
     assert {name for name, _ in BAD_OPTIONS} == set(PARAMETERS) - {"make_video"}
 
 
-@pytest.mark.parametrize(("name", "words"), BAD_OPTIONS, ids=lambda value: value if isinstance(value, str) else " ".join(value))
+@pytest.mark.parametrize(
+    ("name", "words"), BAD_OPTIONS, ids=lambda value: value if isinstance(value, str) else " ".join(value)
+)
 def test_a_wrong_option_gives_one_line_and_no_file(program, folder, name, words):
     code, output, errors = program("run", PARAMETERS[name].option, *words)
 

@@ -9,12 +9,17 @@ import pytest
 NAN, INFINITY = float("nan"), float("inf")
 
 
+def label(value):
+    """Name of a case."""
+    return " ".join(f"{key}={item}" for key, item in value.items()) if isinstance(value, dict) else str(value)
+
+
 def assert_readable(error, field, index):
     """The message names the field and says what is allowed."""
     message = str(error.value)
     assert error.value.field == field, message
     assert error.value.index == index, message
-    assert field.split()[0] in message
+    assert field in message
     assert "found" in message
     assert "allowed" in message
     assert "\n" not in message
@@ -59,19 +64,18 @@ def assert_readable(error, field, index):
         ({"bounds": ((0, 0, 0), (1, 1, INFINITY))}, "bounds", 2),
         ({"bounds": ((-3e38, -1, -1), (3e38, 1, 1))}, "bounds", 0),
     ],
-    ids=str,
+    ids=label,
 )
 def test_a_world_refuses(options, field, index):
     with pytest.raises(fc.InvalidValue) as error:
         fc.World(**options)
-    assert error.value.field.startswith(field), error.value
-    assert_readable(error, error.value.field, index)
+    assert_readable(error, field, index)
 
 
 @pytest.mark.parametrize(
     "options",
     [{"iterations": 2.5}, {"iterations": "5"}, {"threads": 1.5}, {"drag": "much"}, {"device": 0}, {"gravity": "down"}],
-    ids=str,
+    ids=label,
 )
 def test_a_world_refuses_other_types(options):
     with pytest.raises((TypeError, ValueError)):
@@ -92,7 +96,7 @@ GOOD = {"position": [(0, 0, 5), (1, 1, 5), (2, 2, 5)], "radius": 0.1}
         ({"position": [(0, 0, 5), (1, 1)]}, "position", None),
         ({"position": "here"}, "position", None),
         ({"position": None}, "position", None),
-        ({"position": np.zeros((3, 3), complex)}, "position", None),
+        ({"position": (1j, 0, 5)}, "position", None),
         ({"radius": None}, "radius", None),
         ({"radius": [0.1, 0.1]}, "radius", None),
         ({"radius": [0.1, 0.1, 0.0]}, "radius", 2),
@@ -115,7 +119,7 @@ GOOD = {"position": [(0, 0, 5), (1, 1, 5), (2, 2, 5)], "radius": 0.1}
         ({"restitution": NAN}, "restitution", 0),
         ({"restitution": True}, "restitution", None),
     ],
-    ids=str,
+    ids=label,
 )
 def test_add_refuses_and_adds_nothing(device, change, field, index):
     world = fc.World(device=device)
@@ -153,7 +157,7 @@ def test_spheres_of_unequal_lengths_are_refused(device):
         ({"dt": INFINITY}, "dt"),
         ({"dt": 1e-10}, "dt"),
     ],
-    ids=str,
+    ids=label,
 )
 @pytest.mark.parametrize("count", [0, 10])
 def test_step_refuses(device, arguments, field, count):
@@ -181,7 +185,7 @@ def test_step_refuses(device, arguments, field, count):
         ("restitutions", 1.5, "restitution"),
         ("restitutions", NAN, "restitution"),
     ],
-    ids=str,
+    ids=label,
 )
 def test_numbers_written_out_of_range_are_refused(device, write, name, value, field):
     world = fc.World(device=device)
@@ -222,7 +226,7 @@ def test_numbers_written_out_of_range_are_refused(device, write, name, value, fi
         ({"bounds": ((0, 0, 0), (1, 1, -1))}, "bounds", 2),
         ({"device": "tpu"}, "device", None),
     ],
-    ids=str,
+    ids=label,
 )
 def test_random_spheres_refuses(arguments, field, index):
     with pytest.raises(fc.InvalidValue) as error:

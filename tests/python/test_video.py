@@ -147,7 +147,7 @@ def test_still_is_the_picture(tmp_path):
 
 def test_a_still_that_cannot_be_written_leaves_nothing(tmp_path):
     (tmp_path / "still.png").mkdir()
-    with pytest.raises(OSError, match="still.png"):
+    with pytest.raises(OSError, match=r"still\.png"):
         write_still(tmp_path / "still.png", plain(8, 8, 100))
     assert [path.name for path in tmp_path.iterdir()] == ["still.png"]
 
