@@ -55,7 +55,7 @@ nb::object share(const ArrayView& view) {
   if (view.cuda_device < 0) {
     return nb::cast(nb::ndarray<nb::numpy, T>(view.data, dimensions, shape, owner));
   }
-  const nb::object inner = nb::cast(nb::ndarray<T>(view.data, dimensions, shape, owner, nullptr, nb::dtype<T>(),
+  const nb::object inner = nb::cast(nb::ndarray<nb::array_api, T>(view.data, dimensions, shape, owner, nullptr, nb::dtype<T>(),
                                                    nb::device::cuda::value, view.cuda_device));
   return nb::module_::import_("fastcollide.device_array")
       .attr("DeviceArray")(inner, reinterpret_cast<std::uintptr_t>(view.data),
@@ -242,6 +242,10 @@ void bind_random(nb::module_& m) {
 }
 
 void bind_machine(nb::module_& m) {
+  m.def("limits", [] {
+    const fastcollide::Limits limits = fastcollide::limits();
+    return nb::make_tuple(limits.spheres, limits.bytes_per_sphere, limits.bytes_per_cell, limits.reach_in_radii);
+  });
   m.def("devices", [] {
     nb::list found;
     for (const fastcollide::Device& device : fastcollide::devices()) {

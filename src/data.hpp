@@ -6,6 +6,9 @@
 
 namespace fastcollide {
 
+// state_hash() gives a place to 2^28 spheres, and no list of cells or ids outgrows 32 bits.
+inline constexpr std::int64_t most_spheres = std::int64_t(1) << 28;
+
 // The state, in the order of the ids: what users see and what state_hash() covers.
 template <Backend B>
 struct Bodies {

@@ -83,6 +83,15 @@ BuildInfo build_info() {
   return {build::version, build::compiler, build::cuda, build::cuda_architectures};
 }
 
+Limits limits() {
+  // Bodies, the copy of positions and velocities that a failed frame goes back to, the sorted grid with its unsorted
+  // keys, and the sort's second pair of buffers.
+  constexpr std::int64_t body = 2 * sizeof(Vec3) + 3 * sizeof(float), kept = 2 * sizeof(Vec3);
+  constexpr std::int64_t slot = 4 * sizeof(std::uint32_t) + 2 * sizeof(Vec4) + sizeof(float);
+  constexpr std::int64_t sort = 2 * sizeof(std::uint32_t);
+  return {most_spheres, body + kept + slot + sort, 2 * sizeof(std::uint32_t), 1 << 17};
+}
+
 void copy_to_host(void* host, const void* device, std::size_t bytes, int cuda_device) {
   cuda_copy_to_host(host, device, bytes, cuda_device);
 }

@@ -12,9 +12,6 @@
 namespace fastcollide {
 namespace {
 
-// Ids are hashed and packed with 28 bits.
-constexpr std::int64_t most_spheres = std::int64_t(1) << 28;
-
 std::string text_of(double value) {
   char text[32];
   std::snprintf(text, sizeof text, "%.9g", value);

@@ -1,7 +1,7 @@
 """FastCollide: many colliding spheres on CPU and GPU, with the same bits on both."""
 
 from fastcollide.device_array import DeviceArray
-from fastcollide.devices import BuildInfo, Device, build_info, devices
+from fastcollide.devices import BuildInfo, Device, Limits, build_info, devices, limits
 from fastcollide.errors import DeviceError, InvalidValue, OutOfMemory, SimulationError
 from fastcollide.frames import Frame, FrameError, read_frame, write_frame
 from fastcollide.render import Camera, Renderer
@@ -21,6 +21,7 @@ __all__ = [
     "Frame",
     "FrameError",
     "InvalidValue",
+    "Limits",
     "OutOfMemory",
     "Renderer",
     "SimulationError",
@@ -29,6 +30,7 @@ __all__ = [
     "build_info",
     "devices",
     "drag_from_damping",
+    "limits",
     "random_spheres",
     "read_frame",
     "to_numpy",

@@ -18,4 +18,8 @@ def print_info() -> int:
         say(device.name, f"{device.description}, {device.memory_bytes / 2**30:.1f} GiB")
     if build.cuda and all(device.name == "cpu" for device in devices):
         say("", "no CUDA device found")
+    limits = fc.limits()
+    say("spheres", f"at most {limits.spheres:,} in one world")
+    say("memory", f"{limits.bytes_per_sphere} bytes a sphere and {limits.bytes_per_cell} a grid cell")
+    say("coordinates", f"up to {limits.reach_in_radii:,} times the smallest radius")
     return EXIT_FINE

@@ -117,14 +117,15 @@ class VideoWriter:
         return stream
 
     def _encode_all(self) -> None:
+        picture: NDArray[np.uint8] | None = None
         try:
             while (picture := self._queue.get()) is not None:
                 self._encode(picture)
             self._encode(None)
         except BaseException as error:  # handed to the thread that adds pictures
             self._error = error
-            while self._queue.get() is not None:
-                pass
+            while picture is not None:  # nobody may wait for room in the queue; None has come if the end failed
+                picture = self._queue.get()
 
     def _encode(self, picture: NDArray[np.uint8] | None) -> None:
         """Encodes a picture, or with None what the encoder still holds back."""
