@@ -3,18 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 
 #include "data.hpp"
+#include "text.hpp"
 
 namespace fastcollide {
 namespace {
-
-std::string text_of(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.9g", value);
-  return text;
-}
 
 std::array<double, 3> extent_of(const Box& box) {
   return {double(box.upper.x) - box.lower.x, double(box.upper.y) - box.lower.y, double(box.upper.z) - box.lower.z};

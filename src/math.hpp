@@ -80,6 +80,13 @@ FC_HOST_DEVICE inline std::int64_t round_to_int64(float x) {
   return std::llrint(x);
 #endif
 }
+FC_HOST_DEVICE inline std::int64_t round_to_int64(double x) {
+#if defined(__CUDA_ARCH__)
+  return __double2ll_rn(x);
+#else
+  return std::llrint(x);
+#endif
+}
 
 // Lowers *target to value, from any thread at once. Which thread comes last never matters: the smallest value wins.
 FC_HOST_DEVICE inline void atomic_min(std::uint64_t* target, std::uint64_t value) {

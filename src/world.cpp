@@ -3,20 +3,14 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "device_choice.hpp"
 #include "engine.hpp"
 #include "float_environment.hpp"
+#include "text.hpp"
 
 namespace fastcollide {
 namespace {
-
-std::string text_of(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.9g", value);
-  return text;
-}
 
 void require(bool good, const char* field, double found, const char* allowed, std::int64_t index = -1) {
   if (!good) throw InvalidValue(field, index, text_of(found), allowed);

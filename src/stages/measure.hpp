@@ -75,19 +75,12 @@ struct RoundShare {
   double energy_scale, momentum_scale;  // powers of two
   ShareOfBody body;
 
-  FC_HOST_DEVICE static std::int64_t round(double x) {
-#if defined(__CUDA_ARCH__)
-    return __double2ll_rn(x);
-#else
-    return std::llrint(x);
-#endif
-  }
   FC_HOST_DEVICE LedgerSums operator()(std::int64_t i) const {
     const Share share = body.share(i);
     LedgerSums sums;
-    sums.kinetic = round(share.kinetic * energy_scale);
-    sums.potential = round(share.potential * energy_scale);
-    for (int k = 0; k < 3; ++k) sums.momentum[k] = round(share.momentum[k] * momentum_scale);
+    sums.kinetic = round_to_int64(share.kinetic * energy_scale);
+    sums.potential = round_to_int64(share.potential * energy_scale);
+    for (int k = 0; k < 3; ++k) sums.momentum[k] = round_to_int64(share.momentum[k] * momentum_scale);
     return sums;
   }
 };
