@@ -55,8 +55,8 @@ nb::object share(const ArrayView& view) {
   if (view.cuda_device < 0) {
     return nb::cast(nb::ndarray<nb::numpy, T>(view.data, dimensions, shape, owner));
   }
-  const nb::object inner = nb::cast(nb::ndarray<nb::array_api, T>(view.data, dimensions, shape, owner, nullptr, nb::dtype<T>(),
-                                                   nb::device::cuda::value, view.cuda_device));
+  const nb::object inner = nb::cast(nb::ndarray<nb::array_api, T>(
+      view.data, dimensions, shape, owner, nullptr, nb::dtype<T>(), nb::device::cuda::value, view.cuda_device));
   return nb::module_::import_("fastcollide.device_array")
       .attr("DeviceArray")(inner, reinterpret_cast<std::uintptr_t>(view.data),
                            dimensions == 1 ? nb::make_tuple(view.rows) : nb::make_tuple(view.rows, view.columns),
@@ -148,11 +148,14 @@ void bind_world(nb::module_& m) {
       .def_prop_ro("time", [](const World& world) { return without_gil([&] { return world.time(); }); })
       .def_prop_ro("device", [](const World& world) { return world.device(); })
       .def_prop_ro("device_name", &World::device_description)
-      .def_prop_ro("positions", [](World& world) { return share<float>(without_gil([&] { return world.positions(); })); })
-      .def_prop_ro("velocities", [](World& world) { return share<float>(without_gil([&] { return world.velocities(); })); })
+      .def_prop_ro("positions",
+                   [](World& world) { return share<float>(without_gil([&] { return world.positions(); })); })
+      .def_prop_ro("velocities",
+                   [](World& world) { return share<float>(without_gil([&] { return world.velocities(); })); })
       .def_prop_ro("radii", [](World& world) { return share<float>(without_gil([&] { return world.radii(); })); })
       .def_prop_ro("masses", [](World& world) { return share<float>(without_gil([&] { return world.masses(); })); })
-      .def_prop_ro("restitutions", [](World& world) { return share<float>(without_gil([&] { return world.restitutions(); })); })
+      .def_prop_ro("restitutions",
+                   [](World& world) { return share<float>(without_gil([&] { return world.restitutions(); })); })
       .def("contacts",
            [](World& world) {
              const fastcollide::ContactArrays found = without_gil([&] { return world.contacts(); });
@@ -182,7 +185,8 @@ void bind_renderer(nb::module_& m) {
           [](Renderer& renderer, int width, int height, int supersampling, const Three& eye, const Three& target,
              const Three& up, float tan_half_field, const Three& lower, const Three& upper, const Bytes& color_table,
              float low, float high, const nb::ndarray<const float, nb::c_contig>& positions,
-             const nb::ndarray<const float, nb::c_contig>& radii, const nb::ndarray<const float, nb::c_contig>& values) {
+             const nb::ndarray<const float, nb::c_contig>& radii,
+             const nb::ndarray<const float, nb::c_contig>& values) {
             const bool on_cuda = positions.device_type() == nb::device::cuda::value;
             for (const auto* array : {&radii, &values}) {
               if (array->size() * 3 != positions.size() || array->device_type() != positions.device_type()) {
@@ -265,14 +269,16 @@ void bind_machine(nb::module_& m) {
         without_gil([&] { fastcollide::copy_to_host(bytes->data(), array.data(), bytes->size(), array.device_id()); });
         std::vector<std::size_t> shape(array.ndim());
         for (std::size_t axis = 0; axis < shape.size(); ++axis) shape[axis] = array.shape(axis);
-        return nb::cast(nb::ndarray<nb::numpy>(bytes->data(), shape.size(), shape.data(), owner, nullptr, array.dtype()));
+        return nb::cast(
+            nb::ndarray<nb::numpy>(bytes->data(), shape.size(), shape.data(), owner, nullptr, array.dtype()));
       },
       "array"_a);
   m.def("reset_after_fork", &fastcollide::reset_after_fork);
   m.def(
       "format_frame",
       [](std::int64_t frame, double time, const Floats& positions, const Floats& radii) {
-        if (positions.size() != 3 * radii.size()) throw nb::value_error("positions (n, 3) and radii (n,) must agree in n");
+        if (positions.size() != 3 * radii.size())
+          throw nb::value_error("positions (n, 3) and radii (n,) must agree in n");
         const std::string text = without_gil([&] {
           return fastcollide::format_frame(frame, time, static_cast<std::int64_t>(radii.size()), positions.data(),
                                            radii.data());

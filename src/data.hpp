@@ -24,11 +24,11 @@ struct Bodies {
     restitutions.resize(count);
   }
 
-  typename B::template Buffer<Vec3> positions;     // [m]
-  typename B::template Buffer<Vec3> velocities;    // [m/s]
-  typename B::template Buffer<float> radii;        // [m]
-  typename B::template Buffer<float> masses;       // [kg]
-  typename B::template Buffer<float> restitutions; // 0 ... 1
+  typename B::template Buffer<Vec3> positions;      // [m]
+  typename B::template Buffer<Vec3> velocities;     // [m/s]
+  typename B::template Buffer<float> radii;         // [m]
+  typename B::template Buffer<float> masses;        // [kg]
+  typename B::template Buffer<float> restitutions;  // 0 ... 1
 };
 
 // Spheres sorted by (cell, id). A slot is a place in that order; the state is copied there, so that a stage reads one
@@ -36,8 +36,15 @@ struct Bodies {
 template <Backend B>
 struct Grid {
   explicit Grid(B& backend)
-      : unsorted_cells(backend), unsorted_ids(backend), cells(backend), ids(backend), cell_start(backend),
-        cell_end(backend), position_radius(backend), velocity_restitution(backend), masses(backend) {}
+      : unsorted_cells(backend),
+        unsorted_ids(backend),
+        cells(backend),
+        ids(backend),
+        cell_start(backend),
+        cell_end(backend),
+        position_radius(backend),
+        velocity_restitution(backend),
+        masses(backend) {}
 
   GridShape shape{};
   typename B::template Buffer<std::uint32_t> unsorted_cells, unsorted_ids;
@@ -97,13 +104,12 @@ FC_HOST_DEVICE inline void visit_neighbor_cells(const GridView& grid, std::int64
 // Overlapping pairs, first < second, sorted by (first, second).
 template <Backend B>
 struct Contacts {
-  explicit Contacts(B& backend)
-      : offsets(backend), first(backend), second(backend), gap(backend), normal(backend) {}
+  explicit Contacts(B& backend) : offsets(backend), first(backend), second(backend), gap(backend), normal(backend) {}
 
-  typename B::template Buffer<std::int64_t> offsets;        // of each sphere as first, one more than spheres
-  typename B::template Buffer<std::uint32_t> first, second; // ids
-  typename B::template Buffer<float> gap;                   // distance of the surfaces, negative in overlap [m]
-  typename B::template Buffer<Vec3> normal;                 // from first to second
+  typename B::template Buffer<std::int64_t> offsets;         // of each sphere as first, one more than spheres
+  typename B::template Buffer<std::uint32_t> first, second;  // ids
+  typename B::template Buffer<float> gap;                    // distance of the surfaces, negative in overlap [m]
+  typename B::template Buffer<Vec3> normal;                  // from first to second
 };
 
 // The first thing that went wrong in a run, as one word that atomic_min can keep: the earliest frame, then the smallest

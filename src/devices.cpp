@@ -1,10 +1,9 @@
 // Which devices there are, and which one a name means.
-#include "device_choice.hpp"
-
 #include <fstream>
 
 #include "backend/thread_pool.hpp"
 #include "build_info.hpp"
+#include "device_choice.hpp"
 #include "engine.hpp"
 
 #if defined(_WIN32)
@@ -79,9 +78,7 @@ int choose_threads(int threads) {
   return threads == 0 ? std::min(hardware_threads(), most_threads) : threads;
 }
 
-BuildInfo build_info() {
-  return {build::version, build::compiler, build::cuda, build::cuda_architectures};
-}
+BuildInfo build_info() { return {build::version, build::compiler, build::cuda, build::cuda_architectures}; }
 
 Limits limits() {
   // Bodies, the copy of positions and velocities that a failed frame goes back to, the sorted grid with its unsorted

@@ -103,12 +103,9 @@ class EngineOn final : public Engine {
 
   std::int64_t step(std::int64_t frames, double dt, const std::function<bool()>& go_on) override {
     shape_grid();
-    FrameParameters parameters{flight_for(dt, vector_of(options_.gravity), options_.drag),
-                               box(),
-                               {options_.floor_restitution, options_.wall_friction},
-                               options_.iterations,
-                               solver_scales(largest_radius_, static_cast<float>(dt)),
-                               0};
+    FrameParameters parameters{flight_for(dt, vector_of(options_.gravity), options_.drag), box(),
+                               {options_.floor_restitution, options_.wall_friction},       options_.iterations,
+                               solver_scales(largest_radius_, static_cast<float>(dt)),     0};
     for (std::int64_t done = 0; done < frames;) {
       if (go_on && !go_on()) return done;
       // Few enough frames that a fault is told and a wish to stop is heard soon; enough that a GPU is not kept waiting.
@@ -136,11 +133,16 @@ class EngineOn final : public Engine {
       return ArrayView{buffer.data(), buffer.size(), columns, backend_.cuda_device(), buffer.share()};
     };
     switch (field) {
-      case Field::position: return view(bodies_.positions, 3);
-      case Field::velocity: return view(bodies_.velocities, 3);
-      case Field::radius: return view(bodies_.radii, 0);
-      case Field::mass: return view(bodies_.masses, 0);
-      case Field::restitution: return view(bodies_.restitutions, 0);
+      case Field::position:
+        return view(bodies_.positions, 3);
+      case Field::velocity:
+        return view(bodies_.velocities, 3);
+      case Field::radius:
+        return view(bodies_.radii, 0);
+      case Field::mass:
+        return view(bodies_.masses, 0);
+      case Field::restitution:
+        return view(bodies_.restitutions, 0);
     }
     return {};
   }

@@ -4,8 +4,8 @@
 
 namespace fastcollide {
 
-// The host program may have switched the rounding mode or flushed denormals to zero (some libraries do at import), which
-// would change the bits: while one of these lives, its thread computes as the standard says.
+// The host program may have switched the rounding mode or flushed denormals to zero (some libraries do at import),
+// which would change the bits: while one of these lives, its thread computes as the standard says.
 class DefaultFloatEnvironment {
  public:
   DefaultFloatEnvironment() {

@@ -37,9 +37,9 @@ double smallest_cell_edge(const Box& box, float largest_radius) {
 
 GridShape choose_grid_shape(const Box& box, float largest_radius, float cell_size, std::int64_t count) {
   if (cell_size > 0 && cell_size < 2 * largest_radius) {
-    throw InvalidValue("cell_size", -1, text_of(cell_size),
-                       "at least the largest diameter, " + text_of(2 * largest_radius) +
-                           " m: smaller cells would miss contacts");
+    throw InvalidValue(
+        "cell_size", -1, text_of(cell_size),
+        "at least the largest diameter, " + text_of(2 * largest_radius) + " m: smaller cells would miss contacts");
   }
   // Far more cells than spheres cost time and memory and find nothing. At least 2^18 cost nothing; 2^31 is the most
   // that a hash can number.
@@ -57,24 +57,27 @@ GridShape choose_grid_shape(const Box& box, float largest_radius, float cell_siz
 
 void refuse_value(const WorldOptions& options, Field field, std::int64_t id, const float* found) {
   const RadiusRange radii = allowed_radii(options);
-  const std::string three =
-      "(" + text_of(found[0]) + ", " + text_of(found[1]) + ", " + text_of(found[2]) + ")";
+  const std::string three = "(" + text_of(found[0]) + ", " + text_of(found[1]) + ", " + text_of(found[2]) + ")";
   switch (field) {
-    case Field::position: throw InvalidValue("position", id, three, "finite numbers [m]");
-    case Field::velocity: throw InvalidValue("velocity", id, three, "finite numbers [m/s]");
+    case Field::position:
+      throw InvalidValue("position", id, three, "finite numbers [m]");
+    case Field::velocity:
+      throw InvalidValue("velocity", id, three, "finite numbers [m/s]");
     case Field::radius:
       throw InvalidValue("radius", id, text_of(found[0]),
                          text_of(radii.smallest) + " to " + text_of(radii.largest) +
                              " m in this box (a sphere must fit in, and float32 must resolve its place)");
-    case Field::mass: throw InvalidValue("mass", id, text_of(found[0]), "a finite number above 0 [kg]");
-    case Field::restitution: break;
+    case Field::mass:
+      throw InvalidValue("mass", id, text_of(found[0]), "a finite number above 0 [kg]");
+    case Field::restitution:
+      break;
   }
   throw InvalidValue("restitution", id, text_of(found[0]), "0 to 1");
 }
 
 void refuse_fault(std::uint64_t fault, std::int64_t frame) {
-  const std::string where = "sphere " + std::to_string((fault >> 8) & 0xFFFFFFFFu) + " in frame " +
-                            std::to_string(frame) + ": ";
+  const std::string where =
+      "sphere " + std::to_string((fault >> 8) & 0xFFFFFFFFu) + " in frame " + std::to_string(frame) + ": ";
   switch (FaultKind(fault & 0xFF)) {
     case FaultKind::not_finite:
       throw SimulationError(where + "position or velocity is no longer a finite number");
@@ -82,7 +85,8 @@ void refuse_fault(std::uint64_t fault, std::int64_t frame) {
       throw SimulationError(where +
                             "one contact changes its velocity by more than 512 radii of the largest sphere a frame; "
                             "use a smaller dt, or fewer overlaps at the start");
-    case FaultKind::too_many_contacts: break;
+    case FaultKind::too_many_contacts:
+      break;
   }
   throw SimulationError(where + "more than " + std::to_string(max_terms) + " contacts on one sphere");
 }

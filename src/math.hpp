@@ -112,8 +112,8 @@ FC_HOST_DEVICE inline void atomic_min(std::uint64_t* target, std::uint64_t value
 inline constexpr std::int64_t max_terms = std::int64_t(1) << 21;
 
 struct FixedPoint {
-  float scale;      // 2^41 / range, a power of two
-  float unit;       // 1 / scale
+  float scale;  // 2^41 / range, a power of two
+  float unit;   // 1 / scale
 };
 
 struct ExactSum3 {

@@ -21,10 +21,12 @@ void check_picture(const Picture& picture) {
   require_range("supersampling", picture.supersampling, 1, 4);
   const Vec3 eye = vector_of(picture.eye), target = vector_of(picture.target), up = vector_of(picture.up);
   if (!is_finite(eye) || !is_finite(target) || !is_finite(up) || !(length(cross(target - eye, up)) > 0)) {
-    throw InvalidValue("camera", -1, "no direction", "an eye apart from its target, and an up that is not along the view");
+    throw InvalidValue("camera", -1, "no direction",
+                       "an eye apart from its target, and an up that is not along the view");
   }
   if (!(picture.tan_half_field > 0 && is_finite(picture.tan_half_field))) {
-    throw InvalidValue("field_of_view", -1, std::to_string(picture.tan_half_field), "more than 0 and less than 180 degrees");
+    throw InvalidValue("field_of_view", -1, std::to_string(picture.tan_half_field),
+                       "more than 0 and less than 180 degrees");
   }
 }
 

@@ -1,10 +1,10 @@
 // The frame, on one page.
 #pragma once
 
+#include "stage_timer.hpp"
 #include "stages/advance.hpp"
 #include "stages/build_grid.hpp"
 #include "stages/solve_contacts.hpp"
-#include "stage_timer.hpp"
 
 namespace fastcollide {
 

@@ -61,11 +61,16 @@ void check_lengths(const Spheres& spheres) {
 
 const float* value_of(const Spheres& spheres, Field field, std::int64_t i) {
   switch (field) {
-    case Field::position: return spheres.position.data() + 3 * i;
-    case Field::velocity: return spheres.velocity.data() + 3 * i;
-    case Field::radius: return spheres.radius.data() + i;
-    case Field::mass: return spheres.mass.data() + i;
-    case Field::restitution: break;
+    case Field::position:
+      return spheres.position.data() + 3 * i;
+    case Field::velocity:
+      return spheres.velocity.data() + 3 * i;
+    case Field::radius:
+      return spheres.radius.data() + i;
+    case Field::mass:
+      return spheres.mass.data() + i;
+    case Field::restitution:
+      break;
   }
   return spheres.restitution.data() + i;
 }
@@ -87,9 +92,9 @@ void check_spheres(const Spheres& spheres, const WorldOptions& options) {
     for (int axis = 0; axis < 3; ++axis) {
       const float x = spheres.position[static_cast<std::size_t>(3 * i + axis)];
       if (!between(x, options.lower[axis], options.upper[axis])) {
-        throw InvalidValue("position", i, std::string(1, "xyz"[axis]) + " = " + text_of(x),
-                           text_of(options.lower[axis]) + " to " + text_of(options.upper[axis]) +
-                               " m, inside the bounds");
+        throw InvalidValue(
+            "position", i, std::string(1, "xyz"[axis]) + " = " + text_of(x),
+            text_of(options.lower[axis]) + " to " + text_of(options.upper[axis]) + " m, inside the bounds");
       }
     }
   }

@@ -22,7 +22,7 @@ struct RandomSpheres {
   std::int64_t count = 10000;
   std::uint64_t seed = 1;
   std::array<float, 3> lower{-10, -10, 0}, upper{10, 10, 20};  // the box [m]
-  std::array<float, 2> radius{0.05f, 0.4f};                     // [m]
+  std::array<float, 2> radius{0.05f, 0.4f};                    // [m]
   std::array<float, 3> speed{8, 8, 8};  // v_x and v_y lie in ± the first two, v_z in 0 ... the third [m/s]
   std::array<float, 2> restitution{0.3f, 0.95f};
   float density = 1000;  // [kg/m³]

@@ -21,16 +21,16 @@ enum class Solver { reference };
 
 struct WorldOptions {
   std::array<float, 3> lower{-10, -10, 0}, upper{10, 10, 20};  // the box [m]
-  std::array<float, 3> gravity{0, 0, -9.8f};                    // [m/s²]
-  double drag = 0.06;             // v <- v exp(-drag dt) [1/s]
-  float floor_restitution = 0.6f; // of the lower z wall, 0 ... 1; the other walls use the sphere's own
-  float wall_friction = 0.0f;     // Coulomb coefficient of all walls
+  std::array<float, 3> gravity{0, 0, -9.8f};                   // [m/s²]
+  double drag = 0.06;                                          // v <- v exp(-drag dt) [1/s]
+  float floor_restitution = 0.6f;  // of the lower z wall, 0 ... 1; the other walls use the sphere's own
+  float wall_friction = 0.0f;      // Coulomb coefficient of all walls
   Solver solver = Solver::reference;
-  int iterations = 5;             // contact passes a frame
-  float cell_size = 0;            // edge of a grid cell [m]; 0: the smallest that misses no contact
-  std::string device = "auto";    // "auto", "cpu", "cuda", "cuda:N"
-  int threads = 0;                // of the CPU; 0: all
-  int block_size = 128;           // of CUDA, a multiple of 32 up to 512; no result depends on it
+  int iterations = 5;           // contact passes a frame
+  float cell_size = 0;          // edge of a grid cell [m]; 0: the smallest that misses no contact
+  std::string device = "auto";  // "auto", "cpu", "cuda", "cuda:N"
+  int threads = 0;              // of the CPU; 0: all
+  int block_size = 128;         // of CUDA, a multiple of 32 up to 512; no result depends on it
 };
 
 // Memory of a world as seen from outside, in the order of the ids. It stays valid while `owner` is held; after add() it
@@ -71,8 +71,8 @@ class World {
   std::int64_t step(std::int64_t frames, double dt, const std::function<bool()>& go_on = {});
 
   std::int64_t count() const;
-  std::int64_t frame() const;       // frames done
-  double time() const;              // [s]
+  std::int64_t frame() const;  // frames done
+  double time() const;         // [s]
   const std::string& device() const;
   std::string device_description() const;
   const WorldOptions& options() const;

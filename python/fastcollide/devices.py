@@ -35,10 +35,11 @@ class BuildInfo:
 class Limits:
     """What a world can hold.
 
-    spheres: the most in one world; bytes_per_sphere, bytes_per_cell: memory on the world's device while it steps (a grid
-    has at most 4 cells a sphere, or 2^18 if that is more); reach_in_radii: coordinates up to this many smallest radii
-    from 0 are always allowed, those from twice that never, since float32 could not place such a sphere to 1/64 of its
-    radius.
+    spheres: the most in one world;
+    bytes_per_sphere, bytes_per_cell: memory on the world's device while it steps (a grid has at most 4 cells a sphere,
+    or 2^18 if that is more);
+    reach_in_radii: coordinates up to this many smallest radii from 0 are always allowed, those from twice that never:
+    float32 could not place such a sphere to 1/64 of its radius.
     """
 
     spheres: int

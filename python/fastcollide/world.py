@@ -124,9 +124,7 @@ class World:
             spheres = _spheres(given)
         elif extra := [field for field, value in given.items() if value is not None]:
             raise InvalidValue(f"{extra[0]}: found beside Spheres; allowed: either Spheres or arrays by name", extra[0])
-        first = self._world.add(
-            spheres.position, spheres.velocity, spheres.radius, spheres.mass, spheres.restitution
-        )
+        first = self._world.add(spheres.position, spheres.velocity, spheres.radius, spheres.mass, spheres.restitution)
         return np.arange(first, first + len(spheres), dtype=np.int32)
 
     def step(self, frames: int = 1, dt: float = 1 / 60) -> None:

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cuda_runtime.h>
+#include <thrust/iterator/counting_iterator.h>
 
 #include <algorithm>
 #include <cstdint>
@@ -10,7 +11,6 @@
 #include <cub/device/device_scan.cuh>
 #include <memory>
 #include <string>
-#include <thrust/iterator/counting_iterator.h>
 #include <type_traits>
 
 #include "../math.hpp"
@@ -49,8 +49,7 @@ inline std::shared_ptr<void> allocate_on_device(int device, std::size_t bytes) {
     std::size_t free = 0, total = 0;
     cudaMemGetInfo(&free, &total);
     throw OutOfMemory("out of memory on cuda:" + std::to_string(device) + ": " + std::to_string(bytes) +
-                      " bytes more are needed, " + std::to_string(free) + " of " + std::to_string(total) +
-                      " are free");
+                      " bytes more are needed, " + std::to_string(free) + " of " + std::to_string(total) + " are free");
   }
   check(status, "cudaMalloc");
   return {memory, [](void* p) { cudaFree(p); }};

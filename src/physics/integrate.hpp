@@ -6,10 +6,10 @@
 namespace fastcollide {
 
 struct Flight {
-  float dt;                      // [s]
-  Vec3 velocity_gain;            // gravity * dt [m/s]
-  Vec3 position_gain;            // gravity * dt² / 2 [m]
-  float damping;                 // exp(-drag * dt)
+  float dt;            // [s]
+  Vec3 velocity_gain;  // gravity * dt [m/s]
+  Vec3 position_gain;  // gravity * dt² / 2 [m]
+  float damping;       // exp(-drag * dt)
 };
 
 // exp(-x) for x >= 0 by its series, from additions and multiplications alone: a math library's exp may differ in the

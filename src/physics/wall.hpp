@@ -48,8 +48,8 @@ FC_HOST_DEVICE inline void collide_with_walls(Vec3& position, Vec3& velocity, fl
                restitution, wall.friction);
   collide_axis(position.y, box.lower.y, box.upper.y, radius, velocity.y, velocity.z, velocity.x, restitution,
                restitution, wall.friction);
-  collide_axis(position.z, box.lower.z, box.upper.z, radius, velocity.z, velocity.x, velocity.y,
-               wall.floor_restitution, restitution, wall.friction);
+  collide_axis(position.z, box.lower.z, box.upper.z, radius, velocity.z, velocity.x, velocity.y, wall.floor_restitution,
+               restitution, wall.friction);
 }
 
 // Only the position: the correction of an overlap may push a sphere through a wall.

@@ -14,8 +14,8 @@ class RenderEngineOn final : public RendererEngine {
  public:
   explicit RenderEngineOn(B backend) : backend_(std::move(backend)) {}
 
-  void draw(const Picture& picture, std::int64_t count, const float* positions, const float* radii,
-            const float* values, int cuda_device, std::uint8_t* rgb) override {
+  void draw(const Picture& picture, std::int64_t count, const float* positions, const float* radii, const float* values,
+            int cuda_device, std::uint8_t* rgb) override {
     render::PictureOptions options;
     options.width = picture.width;
     options.height = picture.height;

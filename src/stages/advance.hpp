@@ -34,9 +34,8 @@ struct Advance {
 template <Backend B>
 void advance(B& backend, const Flight& flight, const Box& box, const WallMaterial& wall, std::uint32_t frame,
              Bodies<B>& bodies, std::uint64_t* first_fault) {
-  backend.for_each(bodies.count(),
-                   Advance{flight, box, wall, frame, bodies.radii.data(), bodies.restitutions.data(),
-                           bodies.positions.data(), bodies.velocities.data(), first_fault});
+  backend.for_each(bodies.count(), Advance{flight, box, wall, frame, bodies.radii.data(), bodies.restitutions.data(),
+                                           bodies.positions.data(), bodies.velocities.data(), first_fault});
 }
 
 }  // namespace fastcollide

@@ -56,8 +56,8 @@ void build_grid(B& backend, const Bodies<B>& bodies, Grid<B>& grid) {
   for (auto* buffer : {&grid.position_radius, &grid.velocity_restitution}) buffer->resize(count);
   grid.masses.resize(count);
 
-  backend.for_each(count, HashCells{shape, bodies.positions.data(), grid.unsorted_cells.data(),
-                                    grid.unsorted_ids.data()});
+  backend.for_each(count,
+                   HashCells{shape, bodies.positions.data(), grid.unsorted_cells.data(), grid.unsorted_ids.data()});
   backend.sort_pairs(static_cast<const std::uint32_t*>(grid.unsorted_cells.data()), grid.cells.data(),
                      static_cast<const std::uint32_t*>(grid.unsorted_ids.data()), grid.ids.data(), count,
                      std::bit_width(static_cast<std::uint64_t>(cells - 1)));
@@ -67,8 +67,7 @@ void build_grid(B& backend, const Bodies<B>& bodies, Grid<B>& grid) {
   backend.for_each(count, FillSlots{count, grid.cells.data(), grid.ids.data(), bodies.positions.data(),
                                     bodies.velocities.data(), bodies.radii.data(), bodies.masses.data(),
                                     bodies.restitutions.data(), grid.cell_start.data(), grid.cell_end.data(),
-                                    grid.position_radius.data(), grid.velocity_restitution.data(),
-                                    grid.masses.data()});
+                                    grid.position_radius.data(), grid.velocity_restitution.data(), grid.masses.data()});
 }
 
 }  // namespace fastcollide

@@ -40,11 +40,11 @@ struct CheckBody {
 
 template <Backend B>
 StateCheck check_state(B& backend, float smallest_radius, float largest_radius, const Bodies<B>& bodies) {
-  return backend.transform_reduce(bodies.count(),
-                                  CheckBody{smallest_radius, largest_radius, bodies.positions.data(),
-                                            bodies.velocities.data(), bodies.radii.data(), bodies.masses.data(),
-                                            bodies.restitutions.data()},
-                                  StateCheck{}, StateCheck::Operation{});
+  return backend.transform_reduce(
+      bodies.count(),
+      CheckBody{smallest_radius, largest_radius, bodies.positions.data(), bodies.velocities.data(), bodies.radii.data(),
+                bodies.masses.data(), bodies.restitutions.data()},
+      StateCheck{}, StateCheck::Operation{});
 }
 
 }  // namespace fastcollide

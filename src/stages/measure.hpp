@@ -1,5 +1,5 @@
-// Energy, momentum, overlap and the hash of the state. Every sum is one of integers, so each number has the same bits on
-// every device.
+// Energy, momentum, overlap and the hash of the state. Every sum is one of integers, so each number has the same bits
+// on every device.
 #pragma once
 
 #include <bit>
@@ -104,8 +104,9 @@ Ledger measure_ledger(B& backend, Vec3 gravity, const Box& box, const Bodies<B>&
     return magnitude > 0 ? room - exponent : 0;
   };
   const int energy = exponent_for(largest.energy), momentum = exponent_for(largest.momentum);
-  const LedgerSums sums = backend.transform_reduce(
-      count, RoundShare{std::ldexp(1.0, energy), std::ldexp(1.0, momentum), body}, LedgerSums{}, LedgerSums::Operation{});
+  const LedgerSums sums =
+      backend.transform_reduce(count, RoundShare{std::ldexp(1.0, energy), std::ldexp(1.0, momentum), body},
+                               LedgerSums{}, LedgerSums::Operation{});
   Ledger ledger{std::ldexp(static_cast<double>(sums.kinetic), -energy),
                 std::ldexp(static_cast<double>(sums.potential), -energy),
                 {}};
@@ -133,8 +134,7 @@ struct DeepestOverlap {
 
 template <Backend B>
 float measure_max_overlap(B& backend, const Grid<B>& grid) {
-  return float_of(
-      backend.transform_reduce(grid.ids.size(), DeepestOverlap{view_of(grid)}, std::uint32_t(0), Larger{}));
+  return float_of(backend.transform_reduce(grid.ids.size(), DeepestOverlap{view_of(grid)}, std::uint32_t(0), Larger{}));
 }
 
 // state_hash = mix64(count + sum over all numbers of mix64(bits + 2^32 (16 index + field))): the bits of every number
@@ -152,8 +152,8 @@ struct HashBody {
   }
   FC_HOST_DEVICE std::uint64_t operator()(std::int64_t i) const {
     const Vec3 x = positions[i], v = velocities[i];
-    return word(x.x, i, 0) + word(x.y, i, 1) + word(x.z, i, 2) + word(v.x, i, 3) + word(v.y, i, 4) +
-           word(v.z, i, 5) + word(radii[i], i, 6) + word(masses[i], i, 7) + word(restitutions[i], i, 8);
+    return word(x.x, i, 0) + word(x.y, i, 1) + word(x.z, i, 2) + word(v.x, i, 3) + word(v.y, i, 4) + word(v.z, i, 5) +
+           word(radii[i], i, 6) + word(masses[i], i, 7) + word(restitutions[i], i, 8);
   }
 };
 

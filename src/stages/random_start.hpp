@@ -40,11 +40,19 @@ Spheres random_start(B& backend, const RandomSpheres& random) {
   Bodies<B> bodies(backend);
   bodies.resize(random.count);
   const auto vector = [](const std::array<float, 3>& a) { return Vec3{a[0], a[1], a[2]}; };
-  backend.for_each(random.count,
-                   RandomStart{random.seed, {vector(random.lower), vector(random.upper)}, random.radius[0],
-                               random.radius[1], vector(random.speed), random.restitution[0], random.restitution[1],
-                               random.density, bodies.positions.data(), bodies.velocities.data(), bodies.radii.data(),
-                               bodies.masses.data(), bodies.restitutions.data()});
+  backend.for_each(random.count, RandomStart{random.seed,
+                                             {vector(random.lower), vector(random.upper)},
+                                             random.radius[0],
+                                             random.radius[1],
+                                             vector(random.speed),
+                                             random.restitution[0],
+                                             random.restitution[1],
+                                             random.density,
+                                             bodies.positions.data(),
+                                             bodies.velocities.data(),
+                                             bodies.radii.data(),
+                                             bodies.masses.data(),
+                                             bodies.restitutions.data()});
   Spheres spheres;
   const auto read = [&](std::vector<float>& host, const void* device, int columns) {
     host.resize(static_cast<std::size_t>(random.count * columns));

@@ -24,9 +24,9 @@ std::uint64_t picture_hash(fastcollide::World& world) {
   for (int i = 0; i < 768; ++i) picture.color_table[i] = static_cast<std::uint8_t>(i / 3 * (1 + i % 3));
   std::vector<std::uint8_t> rgb(static_cast<std::size_t>(3 * picture.width * picture.height));
   const fastcollide::ArrayView positions = world.positions(), radii = world.radii();
-  fastcollide::Renderer(world.device()).draw(picture, world.count(), static_cast<const float*>(positions.data),
-                                            static_cast<const float*>(radii.data),
-                                            static_cast<const float*>(radii.data), radii.cuda_device, rgb.data());
+  fastcollide::Renderer(world.device())
+      .draw(picture, world.count(), static_cast<const float*>(positions.data), static_cast<const float*>(radii.data),
+            static_cast<const float*>(radii.data), radii.cuda_device, rgb.data());
   std::uint64_t hash = 0xCBF29CE484222325u;
   for (const std::uint8_t byte : rgb) hash = (hash ^ byte) * 0x100000001B3u;
   return hash;
