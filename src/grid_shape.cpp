@@ -57,12 +57,14 @@ GridShape choose_grid_shape(const Box& box, float largest_radius, float cell_siz
 
 void refuse_value(const WorldOptions& options, Field field, std::int64_t id, const float* found) {
   const RadiusRange radii = allowed_radii(options);
-  const std::string three = "(" + text_of(found[0]) + ", " + text_of(found[1]) + ", " + text_of(found[2]) + ")";
+  const auto three = [found] {
+    return "(" + text_of(found[0]) + ", " + text_of(found[1]) + ", " + text_of(found[2]) + ")";
+  };
   switch (field) {
     case Field::position:
-      throw InvalidValue("position", id, three, "finite numbers [m]");
+      throw InvalidValue("position", id, three(), "finite numbers [m]");
     case Field::velocity:
-      throw InvalidValue("velocity", id, three, "finite numbers [m/s]");
+      throw InvalidValue("velocity", id, three(), "finite numbers [m/s]");
     case Field::radius:
       throw InvalidValue("radius", id, text_of(found[0]),
                          text_of(radii.smallest) + " to " + text_of(radii.largest) +
