@@ -70,7 +70,7 @@ void refuse_value(const WorldOptions& options, Field field, std::int64_t id, con
                          text_of(radii.smallest) + " to " + text_of(radii.largest) +
                              " m in this box (a sphere must fit in, and float32 must resolve its place)");
     case Field::mass:
-      throw InvalidValue("mass", id, text_of(found[0]), "a finite number above 0 [kg]");
+      throw InvalidValue("mass", id, text_of(found[0]), "more than 0, up to 1e38 [kg]");
     case Field::restitution:
       break;
   }

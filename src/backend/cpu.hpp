@@ -1,4 +1,4 @@
-// The backend on CPU threads: static slabs, one for each thread, run by a shared pool.
+// The backend on CPU threads: slabs of work, run by a shared pool.
 #pragma once
 
 #include <algorithm>
@@ -70,7 +70,7 @@ class CpuBackend {
 
   template <class F, class T, class Operation>
   T transform_reduce(std::int64_t n, const F& f, T identity, Operation combine) {
-    std::vector<T> partial(static_cast<std::size_t>(threads_), identity);
+    std::vector<T> partial(static_cast<std::size_t>(slab_count(n)), identity);
     for_each_slab(n, [&](int slab, std::int64_t begin, std::int64_t end) {
       T value = identity;
       for (std::int64_t i = begin; i < end; ++i) value = combine(value, f(i));
@@ -82,13 +82,14 @@ class CpuBackend {
   }
 
   void exclusive_scan(std::int64_t* counts, std::int64_t n) {
-    std::vector<std::int64_t> offset(static_cast<std::size_t>(threads_) + 1, 0);
+    const std::size_t slabs = static_cast<std::size_t>(slab_count(n));
+    std::vector<std::int64_t> offset(slabs + 1, 0);
     for_each_slab(n, [&](int slab, std::int64_t begin, std::int64_t end) {
       std::int64_t sum = 0;
       for (std::int64_t i = begin; i < end; ++i) sum += counts[i];
       offset[static_cast<std::size_t>(slab) + 1] = sum;
     });
-    for (std::size_t slab = 0; slab < static_cast<std::size_t>(threads_); ++slab) offset[slab + 1] += offset[slab];
+    for (std::size_t slab = 0; slab < slabs; ++slab) offset[slab + 1] += offset[slab];
     const std::int64_t total = offset.back();
     for_each_slab(n, [&](int slab, std::int64_t begin, std::int64_t end) {
       std::int64_t sum = offset[static_cast<std::size_t>(slab)];
@@ -140,15 +141,18 @@ class CpuBackend {
   void synchronize() {}
 
  private:
-  // work(slab, begin, end) on the same static slabs each time. A few elements are not worth waking a thread.
+  // work(slab, begin, end) on slabs that depend on n alone, so that two calls with the same n cut it alike. Several for
+  // each thread even out slabs of different cost; a slab has enough elements to be worth handing over.
   template <class Work>
   void for_each_slab(std::int64_t n, const Work& work) {
-    constexpr std::int64_t worth_a_thread = 256;
-    if (threads_ == 1 || n < 2 * worth_a_thread) {
-      run_slabs(1, [&](int) { work(0, 0, n); });
-      return;
-    }
-    run_slabs(threads_, [&](int slab) { work(slab, n * slab / threads_, n * (slab + 1) / threads_); });
+    const std::int64_t slabs = slab_count(n);
+    run_slabs(threads_, static_cast<int>(slabs),
+              [&](int slab) { work(slab, n * slab / slabs, n * (slab + 1) / slabs); });
+  }
+  std::int64_t slab_count(std::int64_t n) const {
+    constexpr std::int64_t slabs_per_thread = 4, smallest_slab = 256;
+    if (threads_ == 1) return 1;
+    return std::clamp<std::int64_t>(n / smallest_slab, 1, slabs_per_thread * threads_);
   }
 
   template <int digit_bits>
@@ -156,7 +160,7 @@ class CpuBackend {
                      std::uint32_t* values_out, std::int64_t n, int shift) {
     constexpr std::uint32_t digits = 1u << digit_bits;
     using Counts = std::array<std::int64_t, digits>;
-    std::vector<Counts> places(static_cast<std::size_t>(threads_), Counts{});
+    std::vector<Counts> places(static_cast<std::size_t>(slab_count(n)), Counts{});
     for_each_slab(n, [&](int slab, std::int64_t begin, std::int64_t end) {
       Counts& count = places[static_cast<std::size_t>(slab)];
       for (std::int64_t i = begin; i < end; ++i) ++count[(keys_in[i] >> shift) & (digits - 1)];

@@ -19,6 +19,9 @@ struct StateCheck {
   };
 };
 
+// The sum of two masses must be a finite float32 [kg].
+inline constexpr float largest_mass = 1e38f;
+
 struct CheckBody {
   float smallest_radius, largest_radius;  // that the box and float32 allow
   const Vec3* positions;
@@ -32,7 +35,7 @@ struct CheckBody {
     if (!is_finite(positions[i])) return bad(Field::position);
     if (!is_finite(velocities[i])) return bad(Field::velocity);
     if (!(radii[i] >= smallest_radius && radii[i] <= largest_radius)) return bad(Field::radius);
-    if (!(masses[i] > 0.0f && is_finite(masses[i]))) return bad(Field::mass);
+    if (!(masses[i] > 0.0f && masses[i] <= largest_mass)) return bad(Field::mass);
     if (!(restitutions[i] >= 0.0f && restitutions[i] <= 1.0f)) return bad(Field::restitution);
     return {no_fault, bits_of(radii[i])};
   }

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from importlib.util import find_spec
 
 import click
 import fastcollide as fc
@@ -21,6 +22,8 @@ SMALL = ["--particles", "30", "--frames", "12", "--width", "160", "--height", "9
 NO_FILES = ["--no-video", "--export-every", "0"]
 # Crowded, so that contacts, walls and floor all have their say in the last state.
 CROWDED = [*NO_FILES, "--particles", "200", "--frames", "40", "--bounds", "-2", "-2", "0", "2", "2", "3"]
+
+needs_video = pytest.mark.skipif(find_spec("av") is None, reason="PyAV, the video encoder, is not installed")
 
 
 @pytest.fixture(autouse=True)
@@ -53,6 +56,7 @@ def decode(path):
         return pictures, float(stream.average_rate)
 
 
+@needs_video
 def test_positional_run_writes_frames_and_a_video_in_real_time(program, folder):
     code, output, errors = program(*["30", "12", "60", "2", "-9.8", "0.999", "0.6", "output", "video.mp4", "1"])
 
@@ -276,6 +280,7 @@ def test_a_folder_that_cannot_be_made_is_a_failure(program, folder):
     assert "file/output: Not a directory" in errors
 
 
+@needs_video
 def test_a_full_disk_is_a_failure_that_leaves_whole_files(program, folder, monkeypatch):
     replace_file = os.replace
 
@@ -326,6 +331,7 @@ def test_pictures_are_spread_evenly_over_the_run(frames, fps, video_fps, count):
         assert 0 <= frame / fps - number / settings.pictures_per_second < 1 / fps
 
 
+@needs_video
 def test_one_frame_still_makes_a_video_and_a_still(program, folder):
     code, _, _ = program("run", *SMALL, "--frames", "1", "--still", "pictures/last.png", "--video", "films/one.mp4")
 
@@ -352,6 +358,7 @@ def test_pictures_are_as_asked(program):
         assert not np.array_equal(decode("video.mp4")[0][-1], by_speed[-1]), change
 
 
+@needs_video
 def test_render_makes_the_video_of_a_folder(program, folder):
     program("run", *SMALL, "--no-video")
     code, output, errors = program("render", "output", "--video", "film.mp4", "--still", "last.png", *SMALL[4:])
@@ -373,6 +380,7 @@ def test_render_of_no_frames_is_a_failure(program, folder):
     assert not (folder / "video.mp4").exists()
 
 
+@needs_video
 def test_ctrl_c_ends_with_whole_files_and_a_video_of_what_was_done(folder):
     settings = RunSettings(particles=30, frames=10_000, width=160, height=90, threads=1)
 

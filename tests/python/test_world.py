@@ -255,7 +255,7 @@ def test_an_interrupt_handler_s_own_error_comes_through(device):
     finally:
         timer.join()
         signal.signal(signal.SIGINT, previous)
-    world.step(1)
+    assert 0 < world.frame < 2000
 
 
 def test_two_threads_that_use_one_world_take_turns(device):
