@@ -1,125 +1,13 @@
-// Validation, choice of the device, ownership.
+// Choice of the device, turns, ownership.
 #include "fastcollide/world.hpp"
-
-#include <algorithm>
-#include <cmath>
 
 #include "device_choice.hpp"
 #include "engine.hpp"
 #include "float_environment.hpp"
-#include "text.hpp"
+#include "validation.hpp"
 
 namespace fastcollide {
 namespace {
-
-void require(bool good, const char* field, double found, const char* allowed, std::int64_t index = -1) {
-  if (!good) throw InvalidValue(field, index, text_of(found), allowed);
-}
-
-// False for NaN.
-bool between(double x, double low, double high) { return x >= low && x <= high; }
-
-void check_box(const std::array<float, 3>& lower, const std::array<float, 3>& upper) {
-  for (int axis = 0; axis < 3; ++axis) {
-    const auto require_corner = [axis](bool good, const char* corner, float found, const std::string& allowed) {
-      if (!good) throw InvalidValue("bounds", axis, std::string(corner) + " corner " + text_of(found), allowed);
-    };
-    require_corner(std::isfinite(lower[axis]), "lower", lower[axis], "finite numbers [m]");
-    require_corner(std::isfinite(upper[axis]), "upper", upper[axis], "finite numbers [m]");
-    require_corner(upper[axis] > lower[axis], "upper", upper[axis],
-                   "more than the lower corner, " + text_of(lower[axis]) + " m");
-    require_corner(upper[axis] - lower[axis] <= 1e18f, "upper", upper[axis], "sides of at most 1e18 m");
-  }
-}
-
-void check_options(const WorldOptions& options) {
-  check_box(options.lower, options.upper);
-  for (int axis = 0; axis < 3; ++axis) {
-    require(std::isfinite(options.gravity[axis]), "gravity", options.gravity[axis], "finite numbers [m/s²]", axis);
-  }
-  require(between(options.drag, 0, 1e6), "drag", options.drag, "0 to 1e6 [1/s]");
-  require(between(options.floor_restitution, 0, 1), "floor_restitution", options.floor_restitution, "0 to 1");
-  require(between(options.wall_friction, 0, 1e6), "wall_friction", options.wall_friction, "0 to 1e6");
-  require(options.iterations >= 1 && options.iterations <= 1000, "iterations", options.iterations, "1 to 1000");
-  require(between(options.cell_size, 0, 1e30), "cell_size", options.cell_size, "a finite number above 0 [m]");
-  require(options.block_size >= 32 && options.block_size <= 512 && options.block_size % 32 == 0, "block_size",
-          options.block_size, "a multiple of 32 from 32 to 512");
-}
-
-void check_lengths(const Spheres& spheres) {
-  const std::size_t count = spheres.radius.size();
-  const auto check = [count](const char* field, std::size_t found, std::size_t columns) {
-    if (found == count * columns) return;
-    throw InvalidValue(field, -1, std::to_string(found) + " numbers",
-                       std::to_string(count * columns) + ", for " + std::to_string(count) + " radii");
-  };
-  check("position", spheres.position.size(), 3);
-  check("velocity", spheres.velocity.size(), 3);
-  check("mass", spheres.mass.size(), 1);
-  check("restitution", spheres.restitution.size(), 1);
-}
-
-const float* value_of(const Spheres& spheres, Field field, std::int64_t i) {
-  switch (field) {
-    case Field::position:
-      return spheres.position.data() + 3 * i;
-    case Field::velocity:
-      return spheres.velocity.data() + 3 * i;
-    case Field::radius:
-      return spheres.radius.data() + i;
-    case Field::mass:
-      return spheres.mass.data() + i;
-    case Field::restitution:
-      break;
-  }
-  return spheres.restitution.data() + i;
-}
-
-void check_spheres(const Spheres& spheres, const WorldOptions& options) {
-  check_lengths(spheres);
-  const RadiusRange radii = allowed_radii(options);
-  const CheckBody body{radii.smallest,
-                       radii.largest,
-                       reinterpret_cast<const Vec3*>(spheres.position.data()),
-                       reinterpret_cast<const Vec3*>(spheres.velocity.data()),
-                       spheres.radius.data(),
-                       spheres.mass.data(),
-                       spheres.restitution.data()};
-  for (std::int64_t i = 0; i < static_cast<std::int64_t>(spheres.radius.size()); ++i) {
-    const StateCheck check = body(i);
-    const Field field = Field(check.first_bad % 8);
-    if (check.first_bad != no_fault) refuse_value(options, field, i, value_of(spheres, field, i));
-    for (int axis = 0; axis < 3; ++axis) {
-      const float x = spheres.position[static_cast<std::size_t>(3 * i + axis)];
-      if (!between(x, options.lower[axis], options.upper[axis])) {
-        throw InvalidValue(
-            "position", i, std::string(1, "xyz"[axis]) + " = " + text_of(x),
-            text_of(options.lower[axis]) + " to " + text_of(options.upper[axis]) + " m, inside the bounds");
-      }
-    }
-  }
-}
-
-void check_random(const RandomSpheres& random) {
-  check_box(random.lower, random.upper);
-  require(random.count >= 0 && random.count <= most_spheres, "count", static_cast<double>(random.count),
-          "0 to 268435456");
-  require(random.radius[0] > 0 && std::isfinite(random.radius[0]), "radius", random.radius[0],
-          "a finite number above 0 [m]", 0);
-  require(random.radius[1] >= random.radius[0] && std::isfinite(random.radius[1]), "radius", random.radius[1],
-          "a finite number not below the smallest radius [m]", 1);
-  for (int axis = 0; axis < 3; ++axis) {
-    require(2 * random.radius[1] <= random.upper[axis] - random.lower[axis], "radius", random.radius[1],
-            "at most half of the shortest side of the bounds", 1);
-    require(std::isfinite(random.speed[axis]) && random.speed[axis] >= 0, "speed", random.speed[axis],
-            "a finite number not below 0 [m/s]", axis);
-  }
-  require(between(random.restitution[0], 0, 1), "restitution", random.restitution[0], "0 to 1", 0);
-  require(between(random.restitution[1], random.restitution[0], 1), "restitution", random.restitution[1],
-          "the lower limit to 1", 1);
-  require(random.density > 0 && std::isfinite(random.density), "density", random.density,
-          "a finite number above 0 [kg/m³]");
-}
 
 // What a call needs of the world: its turn, and the arithmetic of the standard.
 class Turn {
