@@ -64,7 +64,7 @@ def main() -> int:
     folder.mkdir(parents=True, exist_ok=True)
     rows, same = compare(program)
     with (folder / "gpu_check.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0].keys())
+        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
     report, clean = sanitize(program)

@@ -94,6 +94,13 @@ class SignalCheck {
   bool raised_ = false;
 };
 
+fastcollide::Boundary boundary_of(const std::string& name, int axis) {
+  if (name == "wall") return fastcollide::Boundary::wall;
+  if (name == "periodic") return fastcollide::Boundary::periodic;
+  if (name == "open") return fastcollide::Boundary::open;
+  throw fastcollide::InvalidValue("boundary", axis, '"' + name + '"', "\"wall\", \"periodic\" or \"open\"");
+}
+
 template <class Work>
 auto without_gil(Work&& work) {
   const nb::gil_scoped_release release;
@@ -107,12 +114,13 @@ void bind_world(nb::module_& m) {
   nb::class_<World>(m, "World")
       .def(
           "__init__",
-          [](World* self, const Three& lower, const Three& upper, const Three& gravity, double drag,
-             float floor_restitution, float wall_friction, int iterations, float cell_size, const std::string& device,
-             int threads, int block_size) {
+          [](World* self, const Three& lower, const Three& upper, const std::array<std::string, 3>& boundary,
+             const Three& gravity, double drag, float floor_restitution, float wall_friction, int iterations,
+             float cell_size, const std::string& device, int threads, int block_size) {
             fastcollide::WorldOptions options;
             options.lower = lower;
             options.upper = upper;
+            for (int axis = 0; axis < 3; ++axis) options.boundary[axis] = boundary_of(boundary[axis], axis);
             options.gravity = gravity;
             options.drag = drag;
             options.floor_restitution = floor_restitution;
@@ -124,8 +132,8 @@ void bind_world(nb::module_& m) {
             options.block_size = block_size;
             new (self) World(options);
           },
-          nb::kw_only(), "lower"_a, "upper"_a, "gravity"_a, "drag"_a, "floor_restitution"_a, "wall_friction"_a,
-          "iterations"_a, "cell_size"_a, "device"_a, "threads"_a, "block_size"_a)
+          nb::kw_only(), "lower"_a, "upper"_a, "boundary"_a, "gravity"_a, "drag"_a, "floor_restitution"_a,
+          "wall_friction"_a, "iterations"_a, "cell_size"_a, "device"_a, "threads"_a, "block_size"_a)
       .def(
           "add",
           [](World& world, const Floats& position, const Floats& velocity, const Floats& radius, const Floats& mass,

@@ -47,6 +47,7 @@ struct Grid {
         masses(backend) {}
 
   GridShape shape{};
+  Vec3 period{};
   typename B::template Buffer<std::uint32_t> unsorted_cells, unsorted_ids;
   typename B::template Buffer<std::uint32_t> cells, ids;            // of each slot
   typename B::template Buffer<std::uint32_t> cell_start, cell_end;  // slots of each cell: [start, end)
@@ -57,6 +58,7 @@ struct Grid {
 // The slots as a stage reads them.
 struct GridView {
   GridShape shape;
+  Vec3 period;  // of the periodic axes, 0 for the others [m]
   std::int64_t count;
   const std::uint32_t* ids;
   const std::uint32_t* cell_start;
@@ -69,6 +71,7 @@ struct GridView {
 template <Backend B>
 GridView view_of(const Grid<B>& grid) {
   return {grid.shape,
+          grid.period,
           grid.ids.size(),
           grid.ids.data(),
           grid.cell_start.data(),
@@ -81,17 +84,16 @@ GridView view_of(const Grid<B>& grid) {
 // Calls visit(other) for each other slot in the 27 cells around the position.
 template <class Visit>
 FC_HOST_DEVICE inline void visit_neighbor_cells(const GridView& grid, std::int64_t slot, Vec3 position, Visit& visit) {
-  const Vec3i center = cell_of(position, grid.shape);
-  for (int dz = -1; dz <= 1; ++dz) {
-    const int z = center.z + dz;
-    if (z < 0 || z >= grid.shape.cells.z) continue;
-    for (int dy = -1; dy <= 1; ++dy) {
-      const int y = center.y + dy;
-      if (y < 0 || y >= grid.shape.cells.y) continue;
-      for (int dx = -1; dx <= 1; ++dx) {
-        const int x = center.x + dx;
-        if (x < 0 || x >= grid.shape.cells.x) continue;
-        const std::uint32_t cell = cell_hash({x, y, z}, grid.shape);
+  const GridShape& shape = grid.shape;
+  const Vec3i center = cell_of(position, shape);
+  const CellRange xs = adjacent_cells(center.x, shape.x);
+  const CellRange ys = adjacent_cells(center.y, shape.y);
+  const CellRange zs = adjacent_cells(center.z, shape.z);
+  for (int k = 0; k < zs.count; ++k) {
+    for (int j = 0; j < ys.count; ++j) {
+      for (int i = 0; i < xs.count; ++i) {
+        const std::uint32_t cell = cell_hash(
+            {cell_in_range(xs, i, shape.x), cell_in_range(ys, j, shape.y), cell_in_range(zs, k, shape.z)}, shape);
         const std::uint32_t end = grid.cell_end[cell];
         for (std::uint32_t other = grid.cell_start[cell]; other < end; ++other) {
           if (other != slot) visit(other);
@@ -114,7 +116,7 @@ struct Contacts {
 
 // The first thing that went wrong in a run, as one word that atomic_min can keep: the earliest frame, then the smallest
 // id, whatever thread saw it first.
-enum class FaultKind : std::uint8_t { not_finite = 1, out_of_range = 2, too_many_contacts = 3 };
+enum class FaultKind : std::uint8_t { not_finite = 1, out_of_range = 2, too_many_contacts = 3, out_of_reach = 4 };
 
 inline constexpr std::uint64_t no_fault = ~std::uint64_t(0);
 

@@ -184,15 +184,16 @@ class EngineOn final : public Engine {
   }
 
  private:
-  Box box() const { return {vector_of(options_.lower), vector_of(options_.upper)}; }
+  Box box() const { return box_of(options_); }
 
   // Every run starts here: the user may have written to any array since the last.
   void shape_grid() {
     backend_.synchronize();
-    const RadiusRange allowed = allowed_radii(options_);
-    const StateCheck check = check_state(backend_, allowed.smallest, allowed.largest, bodies_);
+    const RadiusRange allowed = allowed_radii(box());
+    const StateCheck check = check_state(backend_, box(), allowed.smallest, allowed.largest, bodies_);
     if (check.first_bad != no_fault) refuse(static_cast<std::int64_t>(check.first_bad / 8), Field(check.first_bad % 8));
     largest_radius_ = float_of(static_cast<std::uint32_t>(check.largest_radius));
+    grid_.period = period_of(box());
     grid_.shape = choose_grid_shape(box(), largest_radius_, options_.cell_size, count());
   }
 
@@ -206,7 +207,7 @@ class EngineOn final : public Engine {
     const int columns = std::max(1, view.columns);
     float found[3];
     backend_.copy_to_host(found, static_cast<const float*>(view.data) + id * columns, columns);
-    refuse_value(options_, field, id, found);
+    refuse_value(box(), field, id, found);
   }
 
   void run_frames(std::int64_t frames, FrameParameters parameters) {

@@ -10,28 +10,49 @@
 namespace fastcollide {
 namespace {
 
-std::array<double, 3> extent_of(const Box& box) {
-  return {double(box.upper.x) - box.lower.x, double(box.upper.y) - box.lower.y, double(box.upper.z) - box.lower.z};
+struct Axis {
+  double lower, upper;
+  Boundary boundary;
+  double extent() const { return upper - lower; }
+};
+
+std::array<Axis, 3> axes_of(const Box& box) {
+  return {Axis{box.lower.x, box.upper.x, box.x}, Axis{box.lower.y, box.upper.y, box.y},
+          Axis{box.lower.z, box.upper.z, box.z}};
 }
 
 }  // namespace
 
-RadiusRange allowed_radii(const WorldOptions& options) {
-  float far = 0, smallest_extent = options.upper[0] - options.lower[0];
-  for (int axis = 0; axis < 3; ++axis) {
-    far = std::max({far, std::fabs(options.lower[axis]), std::fabs(options.upper[axis])});
-    smallest_extent = std::min(smallest_extent, options.upper[axis] - options.lower[axis]);
+Box box_of(const WorldOptions& options) {
+  const auto& [x, y, z] = options.boundary;
+  return {{options.lower[0], options.lower[1], options.lower[2]},
+          {options.upper[0], options.upper[1], options.upper[2]},
+          x,
+          y,
+          z};
+}
+
+RadiusRange allowed_radii(const Box& box) {
+  // A sphere must fit between two walls, and touch no other twice across a periodic end.
+  double smallest = 1e-15, largest = 1e15;
+  for (const Axis& axis : axes_of(box)) {
+    if (axis.boundary == Boundary::open) continue;
+    const double far = std::max(std::fabs(axis.lower), std::fabs(axis.upper));
+    smallest = std::max(smallest, 64.0 * std::ldexp(1.0, std::ilogb(far) - 23));
+    largest = std::min(largest, axis.extent() * (axis.boundary == Boundary::wall ? 0.5 : 0.25));
   }
-  const float spacing = std::ldexp(1.0f, std::ilogb(far) - 23);
-  return {std::max(64.0f * spacing, 1e-15f), 0.5f * smallest_extent};
+  return {static_cast<float>(smallest), static_cast<float>(largest)};
 }
 
 double smallest_cell_edge(const Box& box, float largest_radius) {
   // cell_coordinate() rounds three times, so a coordinate of up to n cells is off by at most 3 n 2^-24, the difference
   // of two by twice that. Adjacent cells are certain when diameter / edge + n 2^-21 <= 1.
   const double diameter = 2.0 * largest_radius;
-  const std::array<double, 3> extent = extent_of(box);
-  const double cells = *std::max_element(extent.begin(), extent.end()) / diameter + 1.0;
+  double cells = 1.0;
+  for (const Axis& axis : axes_of(box)) {
+    const bool is_open = axis.boundary == Boundary::open;
+    cells = std::max(cells, 1.0 + (is_open ? 0.5 * reach_in_radii : axis.extent() / diameter));
+  }
   return diameter / (1.0 - cells * 0x1p-21);
 }
 
@@ -44,25 +65,43 @@ GridShape choose_grid_shape(const Box& box, float largest_radius, float cell_siz
   // Far more cells than spheres cost time and memory and find nothing. At least 2^18 cost nothing; 2^31 is the most
   // that a hash can number.
   const double most_cells = std::clamp(4.0 * static_cast<double>(count), 262144.0, 2147483647.0);
-  const std::array<double, 3> extent = extent_of(box);
+  const std::array<Axis, 3> axes = axes_of(box);
   double edge = std::max(smallest_cell_edge(box, largest_radius), static_cast<double>(cell_size));
   std::array<double, 3> cells{};
-  for (;;) {
-    for (int axis = 0; axis < 3; ++axis) cells[axis] = std::max(1.0, std::ceil(extent[axis] / edge));
-    if (cells[0] * cells[1] * cells[2] <= most_cells) break;
-    edge *= 1.05;
-  }
-  return {box.lower, static_cast<float>(1.0 / edge), {int(cells[0]), int(cells[1]), int(cells[2])}};
+  const auto count_cells = [&](double open_cells) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      // Between walls the last cell may be cut; round a periodic axis whole cells must fit.
+      const double fitting = axes[i].extent() / edge;
+      cells[i] = axes[i].boundary == Boundary::wall       ? std::max(1.0, std::ceil(fitting))
+                 : axes[i].boundary == Boundary::periodic ? std::max(1.0, std::floor(fitting))
+                                                          : open_cells;
+    }
+    return cells[0] * cells[1] * cells[2];
+  };
+  while (count_cells(3.0) > most_cells) edge *= 1.05;
+  // Open axes share what the others leave; more cells, less often two far ones with the same number.
+  double open_cells = 3.0;
+  while (open_cells < 512.0 && count_cells(2.0 * open_cells) <= most_cells) open_cells *= 2.0;
+  count_cells(open_cells);
+  const auto grid_axis = [&](std::size_t i) {
+    const double inverse = axes[i].boundary == Boundary::periodic ? cells[i] / axes[i].extent() : 1.0 / edge;
+    const double origin = axes[i].boundary == Boundary::open ? 0.0 : axes[i].lower;
+    return GridAxis{static_cast<float>(origin), static_cast<float>(inverse), static_cast<int>(cells[i]),
+                    axes[i].boundary};
+  };
+  return {grid_axis(0), grid_axis(1), grid_axis(2)};
 }
 
-void refuse_value(const WorldOptions& options, Field field, std::int64_t id, const float* found) {
-  const RadiusRange radii = allowed_radii(options);
+void refuse_value(const Box& box, Field field, std::int64_t id, const float* found) {
+  const RadiusRange radii = allowed_radii(box);
   const auto three = [found] {
     return "(" + text_of(found[0]) + ", " + text_of(found[1]) + ", " + text_of(found[2]) + ")";
   };
   switch (field) {
     case Field::position:
-      throw InvalidValue("position", id, three(), "finite numbers [m]");
+      throw InvalidValue("position", id, three(),
+                         "finite numbers; along an open axis up to 131072 radii from 0, where float32 still resolves "
+                         "the place of a sphere [m]");
     case Field::velocity:
       throw InvalidValue("velocity", id, three(), "finite numbers [m/s]");
     case Field::radius:
@@ -87,6 +126,10 @@ void refuse_fault(std::uint64_t fault, std::int64_t frame) {
       throw SimulationError(where +
                             "one contact changes its velocity by more than 512 radii of the largest sphere a frame; "
                             "use a smaller dt, or fewer overlaps at the start");
+    case FaultKind::out_of_reach:
+      throw SimulationError(where +
+                            "it is more than 131072 radii from 0 along an open axis, where float32 no longer "
+                            "resolves its place");
     case FaultKind::too_many_contacts:
       break;
   }

@@ -7,6 +7,8 @@
 
 namespace fastcollide {
 
+Box box_of(const WorldOptions& options);
+
 struct RadiusRange {
   float smallest, largest;  // [m]
 };
@@ -14,7 +16,7 @@ struct RadiusRange {
 // A sphere must fit into the box, and float32 must place it: the spacing of numbers at the far end of the box may be at
 // most 1/64 of the smallest radius (at that limit about one contact in a thousand is decided by the rounding of the
 // positions).
-RadiusRange allowed_radii(const WorldOptions& options);
+RadiusRange allowed_radii(const Box& box);
 
 // Smallest edge of a cell for which two spheres that overlap always lie in the same or in adjacent cells, after the
 // rounding of cell_coordinate() [m].
@@ -25,7 +27,7 @@ double smallest_cell_edge(const Box& box, float largest_radius);
 GridShape choose_grid_shape(const Box& box, float largest_radius, float cell_size, std::int64_t count);
 
 // Throws the InvalidValue for sphere `id`, of which `found` holds the value.
-[[noreturn]] void refuse_value(const WorldOptions& options, Field field, std::int64_t id, const float* found);
+[[noreturn]] void refuse_value(const Box& box, Field field, std::int64_t id, const float* found);
 
 // Throws the SimulationError for a fault word; `frame` is the number of the frame that failed.
 [[noreturn]] void refuse_fault(std::uint64_t fault, std::int64_t frame);

@@ -9,8 +9,10 @@
 namespace fastcollide {
 namespace {
 
-void check_box(const std::array<float, 3>& lower, const std::array<float, 3>& upper) {
+void check_box(const std::array<float, 3>& lower, const std::array<float, 3>& upper,
+               const std::array<Boundary, 3>& boundary = {}) {
   for (int axis = 0; axis < 3; ++axis) {
+    if (boundary[axis] == Boundary::open) continue;
     const auto require_corner = [axis](bool good, const char* corner, float found, const std::string& allowed) {
       if (!good) throw InvalidValue("bounds", axis, std::string(corner) + " corner " + text_of(found), allowed);
     };
@@ -58,7 +60,7 @@ void require(bool good, const char* field, double found, const std::string& allo
 }
 
 void check_options(const WorldOptions& options) {
-  check_box(options.lower, options.upper);
+  check_box(options.lower, options.upper, options.boundary);
   for (int axis = 0; axis < 3; ++axis) {
     require(std::isfinite(options.gravity[axis]), "gravity", options.gravity[axis], "finite numbers [m/s²]", axis);
   }
@@ -73,8 +75,10 @@ void check_options(const WorldOptions& options) {
 
 void check_spheres(const Spheres& spheres, const WorldOptions& options) {
   check_lengths(spheres);
-  const RadiusRange radii = allowed_radii(options);
-  const CheckBody body{radii.smallest,
+  const Box box = box_of(options);
+  const RadiusRange radii = allowed_radii(box);
+  const CheckBody body{box,
+                       radii.smallest,
                        radii.largest,
                        reinterpret_cast<const Vec3*>(spheres.position.data()),
                        reinterpret_cast<const Vec3*>(spheres.velocity.data()),
@@ -84,10 +88,10 @@ void check_spheres(const Spheres& spheres, const WorldOptions& options) {
   for (std::int64_t i = 0; i < static_cast<std::int64_t>(spheres.radius.size()); ++i) {
     const StateCheck check = body(i);
     const Field field = Field(check.first_bad % 8);
-    if (check.first_bad != no_fault) refuse_value(options, field, i, value_of(spheres, field, i));
+    if (check.first_bad != no_fault) refuse_value(box, field, i, value_of(spheres, field, i));
     for (int axis = 0; axis < 3; ++axis) {
       const float x = spheres.position[static_cast<std::size_t>(3 * i + axis)];
-      if (!between(x, options.lower[axis], options.upper[axis])) {
+      if (options.boundary[axis] != Boundary::open && !between(x, options.lower[axis], options.upper[axis])) {
         throw InvalidValue(
             "position", i, std::string(1, "xyz"[axis]) + " = " + text_of(x),
             text_of(options.lower[axis]) + " to " + text_of(options.upper[axis]) + " m, inside the bounds");

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "fastcollide/boundary.hpp"
 #include "fastcollide/errors.hpp"
 #include "fastcollide/spheres.hpp"
 
@@ -21,6 +22,7 @@ enum class Solver { reference };
 
 struct WorldOptions {
   std::array<float, 3> lower{-10, -10, 0}, upper{10, 10, 20};  // the box [m]
+  std::array<Boundary, 3> boundary{};                          // of each axis; an open one needs no bounds
   std::array<float, 3> gravity{0, 0, -9.8f};                   // [m/s²]
   double drag = 0.06;                                          // v <- v exp(-drag dt) [1/s]
   float floor_restitution = 0.6f;  // of the lower z wall, 0 ... 1; the other walls use the sphere's own

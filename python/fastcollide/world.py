@@ -44,7 +44,9 @@ class Energy(NamedTuple):
 class World:
     """Spheres that fall, collide and bounce in a box.
 
-    bounds: lower and upper corner of the box [m]; gravity [m/s²]; drag γ [1/s]: v ← v·exp(−γ·dt) each frame;
+    bounds: lower and upper corner of the box [m]; boundary: what happens at its ends, for all axes or for each: "wall",
+    "periodic" (a sphere that leaves comes in on the other side) or "open" (no end: the bounds of that axis only frame
+    pictures); gravity [m/s²]; drag γ [1/s]: v ← v·exp(−γ·dt) each frame;
     floor_restitution: 0 to 1, of the lower z wall (the other five walls use the sphere's own); wall_friction: Coulomb
     coefficient of all walls; solver: "reference"; iterations: contact passes a frame; cell_size: edge of a grid cell
     [m], at least the largest diameter (None: as small as that allows; no result depends on it); device: "cpu", "cuda",
@@ -58,6 +60,7 @@ class World:
     def __init__(
         self,
         bounds: Bounds = DEFAULT_BOUNDS,
+        boundary: str | tuple[str, str, str] = "wall",
         gravity: tuple[float, float, float] = (0.0, 0.0, -9.8),
         drag: float = 0.06,
         floor_restitution: float = 0.6,
@@ -81,6 +84,7 @@ class World:
         self._world = _core.World(
             lower=lower,
             upper=upper,
+            boundary=(boundary,) * 3 if isinstance(boundary, str) else boundary,
             gravity=_three("gravity", gravity),
             drag=drag,
             floor_restitution=floor_restitution,

@@ -1,35 +1,60 @@
 // The uniform grid of cells that covers the box.
 #pragma once
 
-#include "../math.hpp"
+#include "box.hpp"
 
 namespace fastcollide {
 
-struct Box {
-  Vec3 lower, upper;  // [m]
+// One axis of the grid. Along a periodic axis the cells go round; along an open one, too: far cells share a number,
+// which costs a few candidates and needs no grid of the whole range.
+struct GridAxis {
+  float origin;        // lower end, 0 for an open axis [m]
+  float inverse_edge;  // 1 / edge [1/m]
+  int cells;
+  Boundary boundary;
 };
 
 struct GridShape {
-  Vec3 origin;         // lower corner [m]
-  float inverse_edge;  // 1 / edge [1/m]
-  Vec3i cells;         // number of cells along each axis
+  GridAxis x, y, z;
 };
 
-FC_HOST_DEVICE inline int cell_coordinate(float x, float origin, float inverse_edge, int cells) {
-  // Floor, not truncation: both sides of the origin get cells of the same size. The cut comes before the conversion,
-  // which is only defined in the range of int.
-  const float cell = floorf((x - origin) * inverse_edge);
-  return static_cast<int>(clamp(cell, 0.0f, static_cast<float>(cells - 1)));
+FC_HOST_DEVICE inline int cell_coordinate(float position, const GridAxis& axis) {
+  // Floor, not truncation: both sides of the origin get cells of the same size.
+  const float cell = floorf((position - axis.origin) * axis.inverse_edge);
+  if (axis.boundary == Boundary::open) {
+    const int wrapped = static_cast<int>(clamp(cell, -1e9f, 1e9f)) % axis.cells;
+    return wrapped < 0 ? wrapped + axis.cells : wrapped;
+  }
+  // The cut comes before the conversion, which is only defined in the range of int.
+  return static_cast<int>(clamp(cell, 0.0f, static_cast<float>(axis.cells - 1)));
 }
 
 FC_HOST_DEVICE inline Vec3i cell_of(Vec3 position, const GridShape& grid) {
-  return {cell_coordinate(position.x, grid.origin.x, grid.inverse_edge, grid.cells.x),
-          cell_coordinate(position.y, grid.origin.y, grid.inverse_edge, grid.cells.y),
-          cell_coordinate(position.z, grid.origin.z, grid.inverse_edge, grid.cells.z)};
+  return {cell_coordinate(position.x, grid.x), cell_coordinate(position.y, grid.y),
+          cell_coordinate(position.z, grid.z)};
+}
+
+// The cells next to one along an axis, and itself: first, first + 1, ..., each once also where the axis has less than
+// three.
+struct CellRange {
+  int first, count;
+};
+
+FC_HOST_DEVICE inline CellRange adjacent_cells(int cell, const GridAxis& axis) {
+  if (axis.boundary == Boundary::wall) {
+    const int first = cell > 0 ? cell - 1 : 0, last = cell + 1 < axis.cells ? cell + 1 : axis.cells - 1;
+    return {first, last - first + 1};
+  }
+  return axis.cells < 3 ? CellRange{0, axis.cells} : CellRange{cell == 0 ? axis.cells - 1 : cell - 1, 3};
+}
+
+FC_HOST_DEVICE inline int cell_in_range(const CellRange& range, int i, const GridAxis& axis) {
+  const int cell = range.first + i;
+  return cell < axis.cells ? cell : cell - axis.cells;
 }
 
 FC_HOST_DEVICE inline std::uint32_t cell_hash(Vec3i cell, const GridShape& grid) {
-  return static_cast<std::uint32_t>(cell.x + grid.cells.x * (cell.y + grid.cells.y * cell.z));
+  return static_cast<std::uint32_t>(cell.x + grid.x.cells * (cell.y + grid.y.cells * cell.z));
 }
 
 }  // namespace fastcollide

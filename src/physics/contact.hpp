@@ -25,8 +25,8 @@ FC_HOST_DEVICE inline float pair_restitution(float a, float b) { return smaller(
 // Change of sphere a by its contact with sphere b. Both are moved apart until they touch, each by the share that leaves
 // their centre of mass at rest; if they approach, the impulse j = (1 + e) v_n m_a m_b / (m_a + m_b) along the normal
 // reverses their normal velocity.
-FC_HOST_DEVICE inline ContactChange resolve_contact(const Sphere& a, const Sphere& b) {
-  const ContactGeometry contact = contact_geometry(a.position, a.radius, a.id, b.position, b.radius, b.id);
+FC_HOST_DEVICE inline ContactChange resolve_contact(const Sphere& a, const Sphere& b, Vec3 period) {
+  const ContactGeometry contact = contact_geometry(a.position, a.radius, a.id, b.position, b.radius, b.id, period);
   const float share = b.mass / (a.mass + b.mass);
   const float approach = -dot(a.velocity - b.velocity, contact.normal);
   const float bounce = approach > 0.0f ? (1.0f + pair_restitution(a.restitution, b.restitution)) * approach : 0.0f;

@@ -1,7 +1,7 @@
 // The six walls of the box.
 #pragma once
 
-#include "cell.hpp"
+#include "box.hpp"
 
 namespace fastcollide {
 
@@ -44,19 +44,18 @@ FC_HOST_DEVICE inline void collide_axis(float& x, float lower, float upper, floa
 // Puts a sphere that reaches into a wall back inside and reverses the velocity that carried it there.
 FC_HOST_DEVICE inline void collide_with_walls(Vec3& position, Vec3& velocity, float radius, float restitution,
                                               const Box& box, const WallMaterial& wall) {
-  collide_axis(position.x, box.lower.x, box.upper.x, radius, velocity.x, velocity.y, velocity.z, restitution,
-               restitution, wall.friction);
-  collide_axis(position.y, box.lower.y, box.upper.y, radius, velocity.y, velocity.z, velocity.x, restitution,
-               restitution, wall.friction);
-  collide_axis(position.z, box.lower.z, box.upper.z, radius, velocity.z, velocity.x, velocity.y, wall.floor_restitution,
-               restitution, wall.friction);
-}
-
-// Only the position: the correction of an overlap may push a sphere through a wall.
-FC_HOST_DEVICE inline Vec3 keep_inside(Vec3 position, float radius, const Box& box) {
-  return {clamp(position.x, box.lower.x + radius, box.upper.x - radius),
-          clamp(position.y, box.lower.y + radius, box.upper.y - radius),
-          clamp(position.z, box.lower.z + radius, box.upper.z - radius)};
+  if (box.x == Boundary::wall) {
+    collide_axis(position.x, box.lower.x, box.upper.x, radius, velocity.x, velocity.y, velocity.z, restitution,
+                 restitution, wall.friction);
+  }
+  if (box.y == Boundary::wall) {
+    collide_axis(position.y, box.lower.y, box.upper.y, radius, velocity.y, velocity.z, velocity.x, restitution,
+                 restitution, wall.friction);
+  }
+  if (box.z == Boundary::wall) {
+    collide_axis(position.z, box.lower.z, box.upper.z, radius, velocity.z, velocity.x, velocity.y,
+                 wall.floor_restitution, restitution, wall.friction);
+  }
 }
 
 }  // namespace fastcollide

@@ -25,8 +25,12 @@ struct Advance {
       atomic_min(first_fault, fault_word(frame, static_cast<std::uint32_t>(i), FaultKind::not_finite));
       return;
     }
+    if (!is_in_reach(position, radii[i], box)) {
+      atomic_min(first_fault, fault_word(frame, static_cast<std::uint32_t>(i), FaultKind::out_of_reach));
+      return;
+    }
     collide_with_walls(position, velocity, radii[i], restitutions[i], box, wall);
-    positions[i] = position;
+    positions[i] = keep_inside(position, radii[i], box);
     velocities[i] = velocity;
   }
 };

@@ -50,7 +50,7 @@ template <Backend B>
 void build_grid(B& backend, const Bodies<B>& bodies, Grid<B>& grid) {
   const std::int64_t count = bodies.count();
   const GridShape& shape = grid.shape;
-  const std::int64_t cells = std::int64_t(shape.cells.x) * shape.cells.y * shape.cells.z;
+  const std::int64_t cells = std::int64_t(shape.x.cells) * shape.y.cells * shape.z.cells;
   for (auto* buffer : {&grid.unsorted_cells, &grid.unsorted_ids, &grid.cells, &grid.ids}) buffer->resize(count);
   for (auto* buffer : {&grid.cell_start, &grid.cell_end}) buffer->resize(cells);
   for (auto* buffer : {&grid.position_radius, &grid.velocity_restitution}) buffer->resize(count);

@@ -23,6 +23,7 @@ struct StateCheck {
 inline constexpr float largest_mass = 1e38f;
 
 struct CheckBody {
+  Box box;
   float smallest_radius, largest_radius;  // that the box and float32 allow
   const Vec3* positions;
   const Vec3* velocities;
@@ -32,9 +33,9 @@ struct CheckBody {
 
   FC_HOST_DEVICE StateCheck operator()(std::int64_t i) const {
     const auto bad = [i](Field field) { return StateCheck{std::uint64_t(i) * 8 + std::uint64_t(field), 0}; };
-    if (!is_finite(positions[i])) return bad(Field::position);
-    if (!is_finite(velocities[i])) return bad(Field::velocity);
     if (!(radii[i] >= smallest_radius && radii[i] <= largest_radius)) return bad(Field::radius);
+    if (!is_finite(positions[i]) || !is_in_reach(positions[i], radii[i], box)) return bad(Field::position);
+    if (!is_finite(velocities[i])) return bad(Field::velocity);
     if (!(masses[i] > 0.0f && masses[i] <= largest_mass)) return bad(Field::mass);
     if (!(restitutions[i] >= 0.0f && restitutions[i] <= 1.0f)) return bad(Field::restitution);
     return {no_fault, bits_of(radii[i])};
@@ -42,11 +43,12 @@ struct CheckBody {
 };
 
 template <Backend B>
-StateCheck check_state(B& backend, float smallest_radius, float largest_radius, const Bodies<B>& bodies) {
+StateCheck check_state(B& backend, const Box& box, float smallest_radius, float largest_radius,
+                       const Bodies<B>& bodies) {
   return backend.transform_reduce(
       bodies.count(),
-      CheckBody{smallest_radius, largest_radius, bodies.positions.data(), bodies.velocities.data(), bodies.radii.data(),
-                bodies.masses.data(), bodies.restitutions.data()},
+      CheckBody{box, smallest_radius, largest_radius, bodies.positions.data(), bodies.velocities.data(),
+                bodies.radii.data(), bodies.masses.data(), bodies.restitutions.data()},
       StateCheck{}, StateCheck::Operation{});
 }
 

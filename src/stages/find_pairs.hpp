@@ -15,7 +15,7 @@ FC_HOST_DEVICE inline void visit_pairs_of(const GridView& grid, std::int64_t slo
   auto visit_candidate = [&](std::int64_t other) {
     if (grid.ids[other] <= id) return;
     const Vec4 there = grid.position_radius[other];
-    if (overlaps(position, here.w, {there.x, there.y, there.z}, there.w)) visit(other);
+    if (overlaps(position, here.w, {there.x, there.y, there.z}, there.w, grid.period)) visit(other);
   };
   visit_neighbor_cells(grid, slot, position, visit_candidate);
 }
@@ -73,6 +73,7 @@ struct FillPairs {
 };
 
 struct MeasurePairs {
+  Vec3 period;
   const Vec3* positions;
   const float* radii;
   const std::uint32_t* first;
@@ -82,7 +83,7 @@ struct MeasurePairs {
 
   FC_HOST_DEVICE void operator()(std::int64_t pair) const {
     const std::uint32_t i = first[pair], j = second[pair];
-    const ContactGeometry contact = contact_geometry(positions[j], radii[j], j, positions[i], radii[i], i);
+    const ContactGeometry contact = contact_geometry(positions[j], radii[j], j, positions[i], radii[i], i, period);
     gap[pair] = -contact.depth;
     normal[pair] = contact.normal;
   }
@@ -108,7 +109,7 @@ void find_pairs(B& backend, const Grid<B>& grid, const Bodies<B>& bodies, Contac
   contacts.normal.resize(total);
   backend.for_each(grid.ids.size(),
                    FillPairs{view_of(grid), contacts.offsets.data(), contacts.first.data(), contacts.second.data()});
-  backend.for_each(total, MeasurePairs{bodies.positions.data(), bodies.radii.data(), contacts.first.data(),
+  backend.for_each(total, MeasurePairs{grid.period, bodies.positions.data(), bodies.radii.data(), contacts.first.data(),
                                        contacts.second.data(), contacts.gap.data(), contacts.normal.data()});
 }
 

@@ -90,10 +90,17 @@ struct Ledger {
   double momentum[3] = {0, 0, 0};     // [kg m/s]
 };
 
+// Heights count from the lower corner; along an open axis, which has none, from 0.
+inline Vec3 height_origin(const Box& box) {
+  const auto of = [](float lower, Boundary boundary) { return boundary == Boundary::open ? 0.0f : lower; };
+  return {of(box.lower.x, box.x), of(box.lower.y, box.y), of(box.lower.z, box.z)};
+}
+
 template <Backend B>
 Ledger measure_ledger(B& backend, Vec3 gravity, const Box& box, const Bodies<B>& bodies) {
   const std::int64_t count = bodies.count();
-  const ShareOfBody body{gravity, box.lower, bodies.positions.data(), bodies.velocities.data(), bodies.masses.data()};
+  const ShareOfBody body{gravity, height_origin(box), bodies.positions.data(), bodies.velocities.data(),
+                         bodies.masses.data()};
   const LargestShare largest =
       backend.transform_reduce(count, MagnitudeOfShare{body}, LargestShare{}, LargestShare::Operation{});
   // Each term stays below 2^room, so that `count` of them cannot overflow 62 bits.
@@ -124,7 +131,7 @@ struct DeepestOverlap {
     auto visit = [&](std::int64_t other) {
       const Vec4 there = grid.position_radius[other];
       deepest = larger(deepest, contact_geometry({here.x, here.y, here.z}, here.w, grid.ids[slot],
-                                                 {there.x, there.y, there.z}, there.w, grid.ids[other])
+                                                 {there.x, there.y, there.z}, there.w, grid.ids[other], grid.period)
                                     .depth);
     };
     visit_pairs_of(grid, slot, visit);

@@ -41,7 +41,7 @@ Spheres random_start(B& backend, const RandomSpheres& random) {
   bodies.resize(random.count);
   const auto vector = [](const std::array<float, 3>& a) { return Vec3{a[0], a[1], a[2]}; };
   backend.for_each(random.count, RandomStart{random.seed,
-                                             {vector(random.lower), vector(random.upper)},
+                                             {vector(random.lower), vector(random.upper), {}, {}, {}},
                                              random.radius[0],
                                              random.radius[1],
                                              vector(random.speed),

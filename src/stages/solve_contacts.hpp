@@ -39,8 +39,8 @@ struct SolveContacts {
     bool in_range = true;
     auto visit = [&](std::int64_t other) {
       const Vec4 there = grid.position_radius[other];
-      if (!overlaps(self.position, self.radius, {there.x, there.y, there.z}, there.w)) return;
-      const ContactChange change = resolve_contact(self, sphere_in_slot(grid, other));
+      if (!overlaps(self.position, self.radius, {there.x, there.y, there.z}, there.w, grid.period)) return;
+      const ContactChange change = resolve_contact(self, sphere_in_slot(grid, other), grid.period);
       in_range = add_exactly(displacement, change.position, scales.position) && in_range;
       in_range = add_exactly(velocity_change, change.velocity, scales.velocity) && in_range;
       ++contacts;
