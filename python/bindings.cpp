@@ -3,6 +3,7 @@
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/map.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
@@ -137,12 +138,15 @@ void bind_world(nb::module_& m) {
       .def(
           "add",
           [](World& world, const Floats& position, const Floats& velocity, const Floats& radius, const Floats& mass,
-             const Floats& restitution) {
-            const fastcollide::Spheres spheres{copy_of(position), copy_of(velocity), copy_of(radius), copy_of(mass),
-                                               copy_of(restitution)};
+             const Floats& restitution, const std::optional<Floats>& spin, const std::optional<Floats>& friction) {
+            fastcollide::Spheres spheres{
+                copy_of(position), copy_of(velocity), copy_of(radius), copy_of(mass), copy_of(restitution), {}, {}};
+            if (spin) spheres.spin = copy_of(*spin);
+            if (friction) spheres.friction = copy_of(*friction);
             return without_gil([&] { return world.add(spheres); });
           },
-          "position"_a, "velocity"_a, "radius"_a, "mass"_a, "restitution"_a)
+          "position"_a, "velocity"_a, "radius"_a, "mass"_a, "restitution"_a, "spin"_a.none() = nb::none(),
+          "friction"_a.none() = nb::none())
       .def(
           "step",
           [](World& world, std::int64_t frames, double dt) {
@@ -164,6 +168,9 @@ void bind_world(nb::module_& m) {
       .def_prop_ro("masses", [](World& world) { return share<float>(without_gil([&] { return world.masses(); })); })
       .def_prop_ro("restitutions",
                    [](World& world) { return share<float>(without_gil([&] { return world.restitutions(); })); })
+      .def_prop_ro("spins", [](World& world) { return share<float>(without_gil([&] { return world.spins(); })); })
+      .def_prop_ro("frictions",
+                   [](World& world) { return share<float>(without_gil([&] { return world.frictions(); })); })
       .def("contacts",
            [](World& world) {
              const fastcollide::ContactArrays found = without_gil([&] { return world.contacts(); });
@@ -174,9 +181,10 @@ void bind_world(nb::module_& m) {
       .def("energy",
            [](World& world) {
              const fastcollide::Energy energy = without_gil([&] { return world.energy(); });
-             return nb::make_tuple(energy.kinetic, energy.potential);
+             return nb::make_tuple(energy.kinetic, energy.rotational, energy.potential);
            })
       .def("momentum", &World::momentum, nb::call_guard<nb::gil_scoped_release>())
+      .def("angular_momentum", &World::angular_momentum, nb::call_guard<nb::gil_scoped_release>())
       .def("max_overlap", &World::max_overlap, nb::call_guard<nb::gil_scoped_release>())
       .def("state_hash", &World::state_hash, nb::call_guard<nb::gil_scoped_release>())
       .def("set_timed", &World::set_timed, "timed"_a, nb::call_guard<nb::gil_scoped_release>())

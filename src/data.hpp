@@ -13,7 +13,13 @@ inline constexpr std::int64_t most_spheres = std::int64_t(1) << 28;
 template <Backend B>
 struct Bodies {
   explicit Bodies(B& backend)
-      : positions(backend), velocities(backend), radii(backend), masses(backend), restitutions(backend) {}
+      : positions(backend),
+        velocities(backend),
+        radii(backend),
+        masses(backend),
+        restitutions(backend),
+        spins(backend),
+        frictions(backend) {}
 
   std::int64_t count() const { return radii.size(); }
   void resize(std::int64_t count) {
@@ -22,6 +28,10 @@ struct Bodies {
     radii.resize(count);
     masses.resize(count);
     restitutions.resize(count);
+    if (is_rough) {
+      spins.resize(count);
+      frictions.resize(count);
+    }
   }
 
   typename B::template Buffer<Vec3> positions;      // [m]
@@ -29,6 +39,11 @@ struct Bodies {
   typename B::template Buffer<float> radii;         // [m]
   typename B::template Buffer<float> masses;        // [kg]
   typename B::template Buffer<float> restitutions;  // 0 ... 1
+
+  // Only where there is friction or spin; without, a world has no memory for them.
+  bool is_rough = false;
+  typename B::template Buffer<Vec3> spins;       // [rad/s]
+  typename B::template Buffer<float> frictions;  // Coulomb coefficient
 };
 
 // Spheres sorted by (cell, id). A slot is a place in that order; the state is copied there, so that a stage reads one

@@ -84,6 +84,7 @@ class EngineOn final : public Engine {
 
   void append(const Spheres& spheres) override {
     const std::int64_t before = count(), added = static_cast<std::int64_t>(spheres.radius.size());
+    if (!spheres.spin.empty() || !spheres.friction.empty()) make_rough();
     try {
       bodies_.resize(before + added);
     } catch (...) {
@@ -98,6 +99,12 @@ class EngineOn final : public Engine {
     write(bodies_.radii, spheres.radius, 1);
     write(bodies_.masses, spheres.mass, 1);
     write(bodies_.restitutions, spheres.restitution, 1);
+    if (bodies_.is_rough) {
+      backend_.fill_zero(bodies_.spins.data() + before, added);
+      backend_.fill_zero(bodies_.frictions.data() + before, added);
+      if (!spheres.spin.empty()) write(bodies_.spins, spheres.spin, 3);
+      if (!spheres.friction.empty()) write(bodies_.frictions, spheres.friction, 1);
+    }
     backend_.synchronize();
   }
 
@@ -143,6 +150,12 @@ class EngineOn final : public Engine {
         return view(bodies_.masses, 0);
       case Field::restitution:
         return view(bodies_.restitutions, 0);
+      case Field::spin:
+        make_rough();
+        return view(bodies_.spins, 3);
+      case Field::friction:
+        make_rough();
+        return view(bodies_.frictions, 0);
     }
     return {};
   }
@@ -184,6 +197,16 @@ class EngineOn final : public Engine {
   }
 
  private:
+  void make_rough() {
+    if (bodies_.is_rough) return;
+    bodies_.spins.resize(count());
+    bodies_.frictions.resize(count());
+    backend_.fill_zero(bodies_.spins.data(), count());
+    backend_.fill_zero(bodies_.frictions.data(), count());
+    backend_.synchronize();
+    bodies_.is_rough = true;
+  }
+
   Box box() const { return box_of(options_); }
 
   // Every run starts here: the user may have written to any array since the last.

@@ -110,6 +110,10 @@ void refuse_value(const Box& box, Field field, std::int64_t id, const float* fou
                              " m in this box (a sphere must fit in, and float32 must resolve its place)");
     case Field::mass:
       throw InvalidValue("mass", id, text_of(found[0]), "more than 0, up to 1e38 [kg]");
+    case Field::spin:
+      throw InvalidValue("spin", id, three(), "finite numbers [rad/s]");
+    case Field::friction:
+      throw InvalidValue("friction", id, text_of(found[0]), "0 to 1e6");
     case Field::restitution:
       break;
   }

@@ -35,6 +35,8 @@ void check_lengths(const Spheres& spheres) {
   check("velocity", spheres.velocity.size(), 3);
   check("mass", spheres.mass.size(), 1);
   check("restitution", spheres.restitution.size(), 1);
+  if (!spheres.spin.empty()) check("spin", spheres.spin.size(), 3);
+  if (!spheres.friction.empty()) check("friction", spheres.friction.size(), 1);
 }
 
 const float* value_of(const Spheres& spheres, Field field, std::int64_t i) {
@@ -47,6 +49,10 @@ const float* value_of(const Spheres& spheres, Field field, std::int64_t i) {
       return spheres.radius.data() + i;
     case Field::mass:
       return spheres.mass.data() + i;
+    case Field::spin:
+      return spheres.spin.data() + 3 * i;
+    case Field::friction:
+      return spheres.friction.data() + i;
     case Field::restitution:
       break;
   }
@@ -84,7 +90,9 @@ void check_spheres(const Spheres& spheres, const WorldOptions& options) {
                        reinterpret_cast<const Vec3*>(spheres.velocity.data()),
                        spheres.radius.data(),
                        spheres.mass.data(),
-                       spheres.restitution.data()};
+                       spheres.restitution.data(),
+                       spheres.spin.empty() ? nullptr : reinterpret_cast<const Vec3*>(spheres.spin.data()),
+                       spheres.friction.empty() ? nullptr : spheres.friction.data()};
   for (std::int64_t i = 0; i < static_cast<std::int64_t>(spheres.radius.size()); ++i) {
     const StateCheck check = body(i);
     const Field field = Field(check.first_bad % 8);

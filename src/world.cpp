@@ -107,6 +107,8 @@ ArrayView World::velocities() { return array(Field::velocity); }
 ArrayView World::radii() { return array(Field::radius); }
 ArrayView World::masses() { return array(Field::mass); }
 ArrayView World::restitutions() { return array(Field::restitution); }
+ArrayView World::spins() { return array(Field::spin); }
+ArrayView World::frictions() { return array(Field::friction); }
 
 ContactArrays World::contacts() {
   const Turn turn(*engine_);
@@ -121,13 +123,19 @@ std::int64_t World::contact_count() {
 Energy World::energy() {
   const Turn turn(*engine_);
   const Ledger ledger = engine_->ledger();
-  return {ledger.kinetic, ledger.potential};
+  return {ledger.kinetic, ledger.rotational, ledger.potential};
 }
 
 std::array<double, 3> World::momentum() {
   const Turn turn(*engine_);
   const Ledger ledger = engine_->ledger();
   return {ledger.momentum[0], ledger.momentum[1], ledger.momentum[2]};
+}
+
+std::array<double, 3> World::angular_momentum() {
+  const Turn turn(*engine_);
+  const Ledger ledger = engine_->ledger();
+  return {ledger.angular_momentum[0], ledger.angular_momentum[1], ledger.angular_momentum[2]};
 }
 
 float World::max_overlap() {

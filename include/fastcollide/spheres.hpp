@@ -14,6 +14,9 @@ struct Spheres {
   std::vector<float> radius;       // [m]
   std::vector<float> mass;         // [kg]
   std::vector<float> restitution;  // 0 ... 1
+  // May be empty: all at rest, without friction. A world that never gets any of the two keeps no memory for them.
+  std::vector<float> spin;      // [rad/s], 3 * count values
+  std::vector<float> friction;  // Coulomb coefficient
 };
 
 // A random start: positions uniform among those where the whole sphere lies in the box, the others uniform between

@@ -52,7 +52,8 @@ struct ContactArrays {
 };
 
 struct Energy {
-  double kinetic = 0, potential = 0;  // [J]; potential is 0 at the lower corner of the box
+  // [J]; kinetic: of the translation; potential: 0 at the lower corner of the box, along an open axis at 0
+  double kinetic = 0, rotational = 0, potential = 0;
 };
 
 // Threads that share a world take turns: each call waits for the one before.
@@ -84,12 +85,15 @@ class World {
   ArrayView radii();         // (count,) float32 [m]
   ArrayView masses();        // (count,) float32 [kg]
   ArrayView restitutions();  // (count,) float32
+  ArrayView spins();         // (count, 3) float32 [rad/s]; the first call makes room for them
+  ArrayView frictions();     // (count,) float32; likewise
 
   ContactArrays contacts();
   std::int64_t contact_count();
   Energy energy();
-  std::array<double, 3> momentum();  // [kg m/s]
-  float max_overlap();               // [m]
+  std::array<double, 3> momentum();          // [kg m/s]
+  std::array<double, 3> angular_momentum();  // about the origin [kg m²/s]
+  float max_overlap();                       // [m]
   std::uint64_t state_hash();
 
   // Seconds spent in each stage while timed; timing makes a GPU wait after each stage.

@@ -19,7 +19,8 @@ DEFAULT_BOUNDS: Bounds = ((-10.0, -10.0, 0.0), (10.0, 10.0, 20.0))
 class Spheres:
     """n spheres, float32 arrays in the order of their ids.
 
-    position [m], shape (n, 3); velocity [m/s], shape (n, 3); radius [m], mass [kg] and restitution, shape (n,).
+    position [m], shape (n, 3); velocity [m/s], shape (n, 3); radius [m], mass [kg] and restitution, shape (n,);
+    spin [rad/s], shape (n, 3) and friction (Coulomb coefficient), shape (n,), or None where there is none.
     """
 
     position: NDArray[np.float32]
@@ -27,6 +28,8 @@ class Spheres:
     radius: NDArray[np.float32]
     mass: NDArray[np.float32]
     restitution: NDArray[np.float32]
+    spin: NDArray[np.float32] | None = None
+    friction: NDArray[np.float32] | None = None
 
     def __len__(self) -> int:
         return len(self.radius)

@@ -31,14 +31,18 @@ class Contacts:
 
 
 class Energy(NamedTuple):
-    """Kinetic and potential energy [J]; the potential is 0 at the lower corner of the box."""
+    """Energy of translation (kinetic), of rotation and of height (potential) [J].
+
+    The potential is 0 at the lower corner of the box; along an open axis, which has none, at 0.
+    """
 
     kinetic: float
+    rotational: float
     potential: float
 
     @property
     def total(self) -> float:
-        return self.kinetic + self.potential
+        return self.kinetic + self.rotational + self.potential
 
 
 class World:
@@ -84,7 +88,7 @@ class World:
         self._world = _core.World(
             lower=lower,
             upper=upper,
-            boundary=(boundary,) * 3 if isinstance(boundary, str) else boundary,
+            boundary=_three_names("boundary", boundary),
             gravity=_three("gravity", gravity),
             drag=drag,
             floor_restitution=floor_restitution,
@@ -106,12 +110,15 @@ class World:
         density: ArrayLike | None = None,
         mass: ArrayLike | None = None,
         restitution: ArrayLike | None = None,
+        spin: ArrayLike | None = None,
+        friction: ArrayLike | None = None,
     ) -> NDArray[np.int32]:
         """Adds spheres and returns their ids, int32, shape (n,); ids count up from 0.
 
         Either Spheres or the arrays by name: position [m] and velocity [m/s] (default: at rest), shape (n, 3) or (3,);
         radius [m], density [kg/m³] (default: 1000) or mass [kg], and restitution 0 to 1 (default: 0.6), shape (n,) or
-        one number for all. Arrays of a GPU are copied.
+        one number for all; spin [rad/s] (default: none) like velocity, friction (Coulomb coefficient, default: 0) like
+        restitution. Arrays of a GPU are copied.
 
         All or nothing. Raises InvalidValue, with field and index, for a number out of range or a wrong shape;
         OutOfMemory where the device is too small.
@@ -123,6 +130,8 @@ class World:
             "density": density,
             "mass": mass,
             "restitution": restitution,
+            "spin": spin,
+            "friction": friction,
         }
         if spheres is None:
             spheres = _spheres(given)
@@ -193,6 +202,17 @@ class World:
         """Restitution of each sphere, float32, shape (n,); a pair uses the smaller of its two. See positions."""
         return self._world.restitutions
 
+    @property
+    def spins(self) -> Any:
+        """Angular velocities [rad/s], float32, shape (n, 3); see positions. A world without friction and spin has no
+        memory for them until this is asked for."""
+        return self._world.spins
+
+    @property
+    def frictions(self) -> Any:
+        """Coulomb friction coefficient of each sphere, float32, shape (n,); see spins."""
+        return self._world.frictions
+
     def contacts(self) -> Contacts:
         """All overlapping pairs of the present state: d² < (r₁ + r₂)² as decided in double precision.
 
@@ -211,6 +231,10 @@ class World:
     def momentum(self) -> NDArray[np.float64]:
         """Momentum of all spheres [kg m/s], shape (3,), as an exact sum."""
         return np.array(self._world.momentum())
+
+    def angular_momentum(self) -> NDArray[np.float64]:
+        """Angular momentum of all spheres about the origin [kg m²/s], shape (3,), as an exact sum."""
+        return np.array(self._world.angular_momentum())
 
     def max_overlap(self) -> float:
         """The deepest overlap of two spheres [m]."""
@@ -253,6 +277,13 @@ def _three(field: str, value: ArrayLike) -> list[float]:
     return numbers.tolist()
 
 
+def _three_names(field: str, value: Any) -> tuple[str, str, str]:
+    names = (value,) * 3 if isinstance(value, str) else value
+    if not isinstance(names, (tuple, list)) or len(names) != 3 or not all(isinstance(name, str) for name in names):
+        raise InvalidValue(f"{field}: found {value!r}; allowed: one name for all axes or three names", field)
+    return tuple(names)
+
+
 def _spheres(given: dict[str, Any]) -> Spheres:
     for field in ("position", "radius"):
         if given[field] is None:
@@ -274,6 +305,8 @@ def _spheres(given: dict[str, Any]) -> Spheres:
         radius=radius,
         mass=_broadcast("mass", arrays["mass"], (count,)) if "mass" in arrays else _weigh(arrays["density"], radius),
         restitution=_broadcast("restitution", arrays["restitution"], (count,)),
+        spin=_broadcast("spin", arrays["spin"], (count, 3)) if "spin" in arrays else None,
+        friction=_broadcast("friction", arrays["friction"], (count,)) if "friction" in arrays else None,
     )
 
 

@@ -202,7 +202,7 @@ class CudaBackend {
     check(call(scratch_.get(), bytes), what);
   }
 
-  static constexpr std::size_t result_bytes = 64;
+  static constexpr std::size_t result_bytes = 256;
 
   int device_, block_size_;
   std::shared_ptr<CUstream_st> stream_;

@@ -5,7 +5,7 @@
 
 namespace fastcollide {
 
-enum class Field : std::uint8_t { position, velocity, radius, mass, restitution };
+enum class Field : std::uint8_t { position, velocity, radius, mass, restitution, spin, friction };
 
 struct StateCheck {
   std::uint64_t first_bad = no_fault;  // id * 8 + field
@@ -19,6 +19,8 @@ struct StateCheck {
   };
 };
 
+inline constexpr float largest_friction = 1e6f;
+
 // The sum of two masses must be a finite float32 [kg].
 inline constexpr float largest_mass = 1e38f;
 
@@ -30,6 +32,8 @@ struct CheckBody {
   const float* radii;
   const float* masses;
   const float* restitutions;
+  const Vec3* spins;       // or null
+  const float* frictions;  // or null
 
   FC_HOST_DEVICE StateCheck operator()(std::int64_t i) const {
     const auto bad = [i](Field field) { return StateCheck{std::uint64_t(i) * 8 + std::uint64_t(field), 0}; };
@@ -38,6 +42,9 @@ struct CheckBody {
     if (!is_finite(velocities[i])) return bad(Field::velocity);
     if (!(masses[i] > 0.0f && masses[i] <= largest_mass)) return bad(Field::mass);
     if (!(restitutions[i] >= 0.0f && restitutions[i] <= 1.0f)) return bad(Field::restitution);
+    if (spins != nullptr && !is_finite(spins[i])) return bad(Field::spin);
+    if (frictions != nullptr && !(frictions[i] >= 0.0f && frictions[i] <= largest_friction))
+      return bad(Field::friction);
     return {no_fault, bits_of(radii[i])};
   }
 };
@@ -45,11 +52,11 @@ struct CheckBody {
 template <Backend B>
 StateCheck check_state(B& backend, const Box& box, float smallest_radius, float largest_radius,
                        const Bodies<B>& bodies) {
-  return backend.transform_reduce(
-      bodies.count(),
-      CheckBody{box, smallest_radius, largest_radius, bodies.positions.data(), bodies.velocities.data(),
-                bodies.radii.data(), bodies.masses.data(), bodies.restitutions.data()},
-      StateCheck{}, StateCheck::Operation{});
+  return backend.transform_reduce(bodies.count(),
+                                  CheckBody{box, smallest_radius, largest_radius, bodies.positions.data(),
+                                            bodies.velocities.data(), bodies.radii.data(), bodies.masses.data(),
+                                            bodies.restitutions.data(), bodies.spins.data(), bodies.frictions.data()},
+                                  StateCheck{}, StateCheck::Operation{});
 }
 
 }  // namespace fastcollide

@@ -18,8 +18,9 @@ struct Larger {
 
 // What one sphere adds to the ledger, in double precision.
 struct Share {
-  double kinetic, potential;  // [J]
-  double momentum[3];         // [kg m/s]
+  double kinetic, rotational, potential;  // [J]
+  double momentum[3];                     // [kg m/s]
+  double angular_momentum[3];             // about the origin [kg m²/s]
 };
 
 struct ShareOfBody {
@@ -27,6 +28,8 @@ struct ShareOfBody {
   const Vec3* positions;
   const Vec3* velocities;
   const float* masses;
+  const float* radii;
+  const Vec3* spins;  // or null
 
   FC_HOST_DEVICE Share share(std::int64_t i) const {
     const double m = masses[i];
@@ -34,16 +37,36 @@ struct ShareOfBody {
     const double height = double(gravity.x) * (double(positions[i].x) - double(lower.x)) +
                           double(gravity.y) * (double(positions[i].y) - double(lower.y)) +
                           double(gravity.z) * (double(positions[i].z) - double(lower.z));
-    return {0.5 * m * (vx * vx + vy * vy + vz * vz), -m * height, {m * vx, m * vy, m * vz}};
+    const double x = positions[i].x, y = positions[i].y, z = positions[i].z;
+    Share share{0.5 * m * (vx * vx + vy * vy + vz * vz),
+                0,
+                -m * height,
+                {m * vx, m * vy, m * vz},
+                {m * (y * vz - z * vy), m * (z * vx - x * vz), m * (x * vy - y * vx)}};
+    if (spins != nullptr) {
+      const double inertia = 0.4 * m * radii[i] * radii[i];  // of a solid sphere
+      const double wx = spins[i].x, wy = spins[i].y, wz = spins[i].z;
+      share.rotational = 0.5 * inertia * (wx * wx + wy * wy + wz * wz);
+      share.angular_momentum[0] += inertia * wx;
+      share.angular_momentum[1] += inertia * wy;
+      share.angular_momentum[2] += inertia * wz;
+    }
+    return share;
   }
 };
 
+FC_HOST_DEVICE inline double largest_of(const double (&values)[3]) {
+  const Larger larger;
+  return larger(fabs(values[0]), larger(fabs(values[1]), fabs(values[2])));
+}
+
 // The largest magnitudes: they set the scale of the sums.
 struct LargestShare {
-  double energy = 0, momentum = 0;
+  double energy = 0, momentum = 0, angular_momentum = 0;
   struct Operation {
     FC_HOST_DEVICE LargestShare operator()(LargestShare a, LargestShare b) const {
-      return {Larger{}(a.energy, b.energy), Larger{}(a.momentum, b.momentum)};
+      return {Larger{}(a.energy, b.energy), Larger{}(a.momentum, b.momentum),
+              Larger{}(a.angular_momentum, b.angular_momentum)};
     }
   };
 };
@@ -54,40 +77,49 @@ struct MagnitudeOfShare {
   FC_HOST_DEVICE LargestShare operator()(std::int64_t i) const {
     const Share share = body.share(i);
     const Larger larger;
-    return {larger(share.kinetic, fabs(share.potential)),
-            larger(fabs(share.momentum[0]), larger(fabs(share.momentum[1]), fabs(share.momentum[2])))};
+    return {larger(larger(share.kinetic, share.rotational), fabs(share.potential)), largest_of(share.momentum),
+            largest_of(share.angular_momentum)};
   }
 };
 
 struct LedgerSums {
-  std::int64_t kinetic = 0, potential = 0, momentum[3] = {0, 0, 0};
+  std::int64_t kinetic = 0, rotational = 0, potential = 0, momentum[3] = {0, 0, 0}, angular_momentum[3] = {0, 0, 0};
   struct Operation {
     FC_HOST_DEVICE LedgerSums operator()(LedgerSums a, const LedgerSums& b) const {
       a.kinetic += b.kinetic;
+      a.rotational += b.rotational;
       a.potential += b.potential;
-      for (int k = 0; k < 3; ++k) a.momentum[k] += b.momentum[k];
+      for (int k = 0; k < 3; ++k) {
+        a.momentum[k] += b.momentum[k];
+        a.angular_momentum[k] += b.angular_momentum[k];
+      }
       return a;
     }
   };
 };
 
 struct RoundShare {
-  double energy_scale, momentum_scale;  // powers of two
+  double energy_scale, momentum_scale, angular_momentum_scale;  // powers of two
   ShareOfBody body;
 
   FC_HOST_DEVICE LedgerSums operator()(std::int64_t i) const {
     const Share share = body.share(i);
     LedgerSums sums;
     sums.kinetic = round_to_int64(share.kinetic * energy_scale);
+    sums.rotational = round_to_int64(share.rotational * energy_scale);
     sums.potential = round_to_int64(share.potential * energy_scale);
-    for (int k = 0; k < 3; ++k) sums.momentum[k] = round_to_int64(share.momentum[k] * momentum_scale);
+    for (int k = 0; k < 3; ++k) {
+      sums.momentum[k] = round_to_int64(share.momentum[k] * momentum_scale);
+      sums.angular_momentum[k] = round_to_int64(share.angular_momentum[k] * angular_momentum_scale);
+    }
     return sums;
   }
 };
 
 struct Ledger {
-  double kinetic = 0, potential = 0;  // [J]
-  double momentum[3] = {0, 0, 0};     // [kg m/s]
+  double kinetic = 0, rotational = 0, potential = 0;  // [J]
+  double momentum[3] = {0, 0, 0};                     // [kg m/s]
+  double angular_momentum[3] = {0, 0, 0};             // about the origin [kg m²/s]
 };
 
 // Heights count from the lower corner; along an open axis, which has none, from 0.
@@ -99,8 +131,13 @@ inline Vec3 height_origin(const Box& box) {
 template <Backend B>
 Ledger measure_ledger(B& backend, Vec3 gravity, const Box& box, const Bodies<B>& bodies) {
   const std::int64_t count = bodies.count();
-  const ShareOfBody body{gravity, height_origin(box), bodies.positions.data(), bodies.velocities.data(),
-                         bodies.masses.data()};
+  const ShareOfBody body{gravity,
+                         height_origin(box),
+                         bodies.positions.data(),
+                         bodies.velocities.data(),
+                         bodies.masses.data(),
+                         bodies.radii.data(),
+                         bodies.spins.data()};
   const LargestShare largest =
       backend.transform_reduce(count, MagnitudeOfShare{body}, LargestShare{}, LargestShare::Operation{});
   // Each term stays below 2^room, so that `count` of them cannot overflow 62 bits.
@@ -111,13 +148,16 @@ Ledger measure_ledger(B& backend, Vec3 gravity, const Box& box, const Bodies<B>&
     return magnitude > 0 ? room - exponent : 0;
   };
   const int energy = exponent_for(largest.energy), momentum = exponent_for(largest.momentum);
-  const LedgerSums sums =
-      backend.transform_reduce(count, RoundShare{std::ldexp(1.0, energy), std::ldexp(1.0, momentum), body},
-                               LedgerSums{}, LedgerSums::Operation{});
-  Ledger ledger{std::ldexp(static_cast<double>(sums.kinetic), -energy),
-                std::ldexp(static_cast<double>(sums.potential), -energy),
-                {}};
-  for (int k = 0; k < 3; ++k) ledger.momentum[k] = std::ldexp(static_cast<double>(sums.momentum[k]), -momentum);
+  const int angular_momentum = exponent_for(largest.angular_momentum);
+  const LedgerSums sums = backend.transform_reduce(
+      count, RoundShare{std::ldexp(1.0, energy), std::ldexp(1.0, momentum), std::ldexp(1.0, angular_momentum), body},
+      LedgerSums{}, LedgerSums::Operation{});
+  const auto value = [](std::int64_t sum, int exponent) { return std::ldexp(static_cast<double>(sum), -exponent); };
+  Ledger ledger{value(sums.kinetic, energy), value(sums.rotational, energy), value(sums.potential, energy), {}, {}};
+  for (int k = 0; k < 3; ++k) {
+    ledger.momentum[k] = value(sums.momentum[k], momentum);
+    ledger.angular_momentum[k] = value(sums.angular_momentum[k], angular_momentum);
+  }
   return ledger;
 }
 
@@ -152,22 +192,35 @@ struct HashBody {
   const float* radii;
   const float* masses;
   const float* restitutions;
+  const Vec3* spins;       // or null
+  const float* frictions;  // or null
 
   FC_HOST_DEVICE static std::uint64_t word(float x, std::int64_t i, int field) {
     // The place takes the upper 32 bits: 16 fields for each of 2^28 spheres, the largest count of a world.
     return mix64(bits_of(x) + ((std::uint64_t(i) * 16 + std::uint64_t(field)) << 32));
   }
+  // A world that keeps zeros and one that keeps nothing are in the same state.
+  FC_HOST_DEVICE static std::uint64_t word_if_any(float x, std::int64_t i, int field) {
+    return bits_of(x) == 0 ? 0 : word(x, i, field);
+  }
   FC_HOST_DEVICE std::uint64_t operator()(std::int64_t i) const {
     const Vec3 x = positions[i], v = velocities[i];
-    return word(x.x, i, 0) + word(x.y, i, 1) + word(x.z, i, 2) + word(v.x, i, 3) + word(v.y, i, 4) + word(v.z, i, 5) +
-           word(radii[i], i, 6) + word(masses[i], i, 7) + word(restitutions[i], i, 8);
+    std::uint64_t sum = word(x.x, i, 0) + word(x.y, i, 1) + word(x.z, i, 2) + word(v.x, i, 3) + word(v.y, i, 4) +
+                        word(v.z, i, 5) + word(radii[i], i, 6) + word(masses[i], i, 7) + word(restitutions[i], i, 8);
+    if (spins != nullptr) {
+      const Vec3 w = spins[i];
+      sum +=
+          word_if_any(w.x, i, 9) + word_if_any(w.y, i, 10) + word_if_any(w.z, i, 11) + word_if_any(frictions[i], i, 12);
+    }
+    return sum;
   }
 };
 
 template <Backend B>
 std::uint64_t hash_state(B& backend, const Bodies<B>& bodies) {
-  const HashBody hash{bodies.positions.data(), bodies.velocities.data(), bodies.radii.data(), bodies.masses.data(),
-                      bodies.restitutions.data()};
+  const HashBody hash{bodies.positions.data(), bodies.velocities.data(),   bodies.radii.data(),
+                      bodies.masses.data(),    bodies.restitutions.data(), bodies.spins.data(),
+                      bodies.frictions.data()};
   const std::uint64_t sum = backend.transform_reduce(bodies.count(), hash, std::uint64_t(0), Sum{});
   return mix64(sum + static_cast<std::uint64_t>(bodies.count()));
 }

@@ -49,7 +49,11 @@ struct SolveContacts {
 
     if (!in_range) atomic_min(first_fault, fault_word(frame, self.id, FaultKind::out_of_range));
     if (contacts > max_terms) atomic_min(first_fault, fault_word(frame, self.id, FaultKind::too_many_contacts));
-    positions[self.id] = keep_inside(self.position + value_of(displacement, scales.position), self.radius, box);
+    const Vec3 moved = self.position + value_of(displacement, scales.position);
+    if (!is_in_reach(moved, self.radius, box)) {
+      atomic_min(first_fault, fault_word(frame, self.id, FaultKind::out_of_reach));
+    }
+    positions[self.id] = keep_inside(moved, self.radius, box);
     velocities[self.id] = self.velocity + value_of(velocity_change, scales.velocity);
   }
 };
