@@ -215,6 +215,7 @@ class EngineOn final : public Engine {
     const RadiusRange allowed = allowed_radii(box());
     const StateCheck check = check_state(backend_, box(), allowed.smallest, allowed.largest, bodies_);
     if (check.first_bad != no_fault) refuse(static_cast<std::int64_t>(check.first_bad / 8), Field(check.first_bad % 8));
+    bring_in(backend_, box(), bodies_);
     largest_radius_ = float_of(static_cast<std::uint32_t>(check.largest_radius));
     grid_.period = period_of(box());
     grid_.shape = choose_grid_shape(box(), largest_radius_, options_.cell_size, count());

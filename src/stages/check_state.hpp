@@ -49,6 +49,28 @@ struct CheckBody {
   }
 };
 
+// Along a periodic axis the user may put a sphere anywhere: it is where it comes in again.
+struct BringIn {
+  Box box;
+  Vec3* positions;
+
+  FC_HOST_DEVICE void operator()(std::int64_t i) const {
+    const auto bring = [](float x, float lower, float upper, Boundary boundary) {
+      return boundary == Boundary::periodic ? wrap(x, lower, upper) : x;
+    };
+    const Vec3 position = positions[i];
+    positions[i] = {bring(position.x, box.lower.x, box.upper.x, box.x),
+                    bring(position.y, box.lower.y, box.upper.y, box.y),
+                    bring(position.z, box.lower.z, box.upper.z, box.z)};
+  }
+};
+
+template <Backend B>
+void bring_in(B& backend, const Box& box, Bodies<B>& bodies) {
+  const bool is_any = box.x == Boundary::periodic || box.y == Boundary::periodic || box.z == Boundary::periodic;
+  if (is_any) backend.for_each(bodies.count(), BringIn{box, bodies.positions.data()});
+}
+
 template <Backend B>
 StateCheck check_state(B& backend, const Box& box, float smallest_radius, float largest_radius,
                        const Bodies<B>& bodies) {

@@ -90,7 +90,7 @@ def test_largest_overlap(device):
 
 def test_a_world_without_spheres_measures_nothing(device):
     world = fc.World(device=device)
-    assert world.energy() == (0, 0)
+    assert world.energy() == (0, 0, 0)
     assert world.momentum().tolist() == [0, 0, 0]
     assert world.max_overlap() == 0
     assert world.contact_count() == 0
