@@ -8,6 +8,7 @@ two hashes differ or a sanitizer complains.
 """
 
 import csv
+import itertools
 import re
 import subprocess
 import sys
@@ -15,16 +16,20 @@ import time
 from pathlib import Path
 
 SCENES = [(1_000, 600), (20_000, 600), (200_000, 60)]  # particles, frames
+SOLVERS = ["reference", "smooth", "rough"]  # the last two: the default solver without and with friction
 SANITIZERS = ["memcheck", "racecheck", "initcheck", "synccheck"]
 
 
-def run_scene(program: str, particles: int, frames: int, device: str, block_size: int = 128) -> dict[str, object]:
+def run_scene(
+    program: str, particles: int, frames: int, device: str, solver: str, block_size: int = 128
+) -> dict[str, object]:
     started = time.perf_counter()
-    command = [program, str(particles), str(frames), device, "0", str(block_size)]
+    command = [program, str(particles), str(frames), device, "0", str(block_size), solver]
     output = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
     return {
         "particles": particles,
         "frames": frames,
+        "solver": solver,
         "device": device,
         "block_size": block_size if device != "cpu" else "",
         "start_hash": re.search(r"start (\w+)", output)[1],
@@ -37,25 +42,38 @@ def run_scene(program: str, particles: int, frames: int, device: str, block_size
 
 def compare(program: str) -> tuple[list[dict[str, object]], bool]:
     rows, same = [], True
-    for particles, frames in SCENES:
-        expected = run_scene(program, particles, frames, "cpu")
+    for (particles, frames), solver in itertools.product(SCENES, SOLVERS):
+        expected = run_scene(program, particles, frames, "cpu", solver)
         rows.append(expected)
         for block_size in (32, 128, 512):
-            found = run_scene(program, particles, frames, "cuda", block_size)
+            found = run_scene(program, particles, frames, "cuda", solver, block_size)
             rows.append(found)
             same &= all(found[key] == expected[key] for key in ("start_hash", "picture_hash", "end_hash", "measured"))
-        print(*rows[-4:], sep="\n", flush=True)
+        print(particles, solver, "same" if same else "DIFFERENT", flush=True)
     return rows, same
 
 
 def sanitize(program: str) -> tuple[str, bool]:
     report, clean = "", True
-    for tool in SANITIZERS:
-        command = ["compute-sanitizer", "--tool", tool, "--error-exitcode", "9", program, "3000", "4", "cuda"]
+    for tool, solver in itertools.product(SANITIZERS, ("reference", "rough")):
+        command = [
+            "compute-sanitizer",
+            "--tool",
+            tool,
+            "--error-exitcode",
+            "9",
+            program,
+            "3000",
+            "4",
+            "cuda",
+            "0",
+            "128",
+            solver,
+        ]
         result = subprocess.run(command, capture_output=True, text=True)
-        report += f"== {tool}: exit code {result.returncode}\n{result.stdout}{result.stderr}\n"
+        report += f"== {tool}, {solver}: exit code {result.returncode}\n{result.stdout}{result.stderr}\n"
         clean &= result.returncode == 0
-        print(tool, result.returncode, result.stdout.strip().splitlines()[-1:], flush=True)
+        print(tool, solver, result.returncode, result.stdout.strip().splitlines()[-1:], flush=True)
     return report, clean
 
 

@@ -59,7 +59,8 @@ struct Grid {
         cell_end(backend),
         position_radius(backend),
         velocity_restitution(backend),
-        masses(backend) {}
+        masses(backend),
+        spins(backend) {}
 
   GridShape shape{};
   Vec3 period{};
@@ -68,6 +69,7 @@ struct Grid {
   typename B::template Buffer<std::uint32_t> cell_start, cell_end;  // slots of each cell: [start, end)
   typename B::template Buffer<Vec4> position_radius, velocity_restitution;
   typename B::template Buffer<float> masses;
+  typename B::template Buffer<Vec3> spins;  // of a rough world
 };
 
 // The slots as a stage reads them.
@@ -81,6 +83,7 @@ struct GridView {
   const Vec4* position_radius;
   const Vec4* velocity_restitution;
   const float* masses;
+  const Vec3* spins;  // or null
 };
 
 template <Backend B>
@@ -93,7 +96,8 @@ GridView view_of(const Grid<B>& grid) {
           grid.cell_end.data(),
           grid.position_radius.data(),
           grid.velocity_restitution.data(),
-          grid.masses.data()};
+          grid.masses.data(),
+          grid.spins.data()};
 }
 
 // Calls visit(other) for each other slot in the 27 cells around the position.

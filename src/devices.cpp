@@ -82,11 +82,13 @@ BuildInfo build_info() { return {build::version, build::compiler, build::cuda, b
 
 Limits limits() {
   // Bodies, the copy of positions and velocities that a failed frame goes back to, the sorted grid with its unsorted
-  // keys, and the sort's second pair of buffers.
+  // keys, the sort's second pair of buffers, what the solver keeps from stage to stage.
   constexpr std::int64_t body = 2 * sizeof(Vec3) + 3 * sizeof(float), kept = 2 * sizeof(Vec3);
   constexpr std::int64_t slot = 4 * sizeof(std::uint32_t) + 2 * sizeof(Vec4) + sizeof(float);
   constexpr std::int64_t sort = 2 * sizeof(std::uint32_t);
-  return {most_spheres, body + kept + slot + sort, 2 * sizeof(std::uint32_t), 1 << 17};
+  constexpr std::int64_t solver = 2 * sizeof(float) + sizeof(Vec3) + sizeof(std::uint32_t);
+  constexpr std::int64_t spin = 4 * sizeof(Vec3) + sizeof(float);
+  return {most_spheres, body + kept + slot + sort + solver, spin, 2 * sizeof(std::uint32_t), 1 << 17};
 }
 
 void copy_to_host(void* host, const void* device, std::size_t bytes, int cuda_device) {

@@ -78,9 +78,7 @@ inline Vec3 vector_of(const std::array<float, 3>& a) { return {a[0], a[1], a[2]}
 template <Backend B>
 class EngineOn final : public Engine {
  public:
-  EngineOn(const WorldOptions& options, B backend) : options_(options), backend_(std::move(backend)) {
-    fault_.resize(1);
-  }
+  EngineOn(const WorldOptions& options, B backend) : options_(options), backend_(std::move(backend)) {}
 
   void append(const Spheres& spheres) override {
     const std::int64_t before = count(), added = static_cast<std::int64_t>(spheres.radius.size());
@@ -110,9 +108,18 @@ class EngineOn final : public Engine {
 
   std::int64_t step(std::int64_t frames, double dt, const std::function<bool()>& go_on) override {
     shape_grid();
-    FrameParameters parameters{flight_for(dt, vector_of(options_.gravity), options_.drag), box(),
-                               {options_.floor_restitution, options_.wall_friction},       options_.iterations,
-                               solver_scales(largest_radius_, static_cast<float>(dt)),     0};
+    const bool has_substeps = options_.solver == Solver::substep;
+    const double flight_time = has_substeps ? dt / options_.iterations : dt;
+    const Vec3 gravity = vector_of(options_.gravity);
+    FrameParameters parameters{options_.solver,
+                               flight_for(flight_time, gravity, options_.drag),
+                               gravity,
+                               box(),
+                               {options_.floor_restitution, options_.wall_friction},
+                               options_.iterations,
+                               solver_scales(largest_radius_, static_cast<float>(dt)),
+                               soft_contact_law(static_cast<float>(flight_time), gravity, largest_radius_),
+                               0};
     for (std::int64_t done = 0; done < frames;) {
       if (go_on && !go_on()) return done;
       // Few enough frames that a fault is told and a wish to stop is heard soon; enough that a GPU is not kept waiting.
@@ -164,7 +171,7 @@ class EngineOn final : public Engine {
     Contacts<B> found(backend_);
     if (count() > 0) {
       update_grid();
-      find_pairs(backend_, grid_, bodies_, found);
+      find_pairs(backend_, scratch_.grid, bodies_, found);
       backend_.synchronize();
     }
     const auto view = [&](auto& buffer, int columns) {
@@ -177,7 +184,7 @@ class EngineOn final : public Engine {
     if (count() == 0) return 0;
     update_grid();
     Contacts<B> found(backend_);
-    return count_pairs(backend_, grid_, found);
+    return count_pairs(backend_, scratch_.grid, found);
   }
 
   Ledger ledger() override {
@@ -188,7 +195,7 @@ class EngineOn final : public Engine {
   float max_overlap() override {
     if (count() == 0) return 0;
     update_grid();
-    return measure_max_overlap(backend_, grid_);
+    return measure_max_overlap(backend_, scratch_.grid);
   }
 
   std::uint64_t state_hash() override {
@@ -207,6 +214,11 @@ class EngineOn final : public Engine {
     bodies_.is_rough = true;
   }
 
+  // How far apart two surfaces may be that a stage still looks at [m].
+  float opening_margin() const {
+    return options_.solver == Solver::substep ? soft_contact_law(1.0f, {}, largest_radius_).opening_margin : 0.0f;
+  }
+
   Box box() const { return box_of(options_); }
 
   // Every run starts here: the user may have written to any array since the last.
@@ -217,13 +229,13 @@ class EngineOn final : public Engine {
     if (check.first_bad != no_fault) refuse(static_cast<std::int64_t>(check.first_bad / 8), Field(check.first_bad % 8));
     bring_in(backend_, box(), bodies_);
     largest_radius_ = float_of(static_cast<std::uint32_t>(check.largest_radius));
-    grid_.period = period_of(box());
-    grid_.shape = choose_grid_shape(box(), largest_radius_, options_.cell_size, count());
+    scratch_.grid.period = period_of(box());
+    scratch_.grid.shape = choose_grid_shape(box(), largest_radius_, options_.cell_size, count(), opening_margin());
   }
 
   void update_grid() {
     shape_grid();
-    build_grid(backend_, bodies_, grid_);
+    build_grid(backend_, bodies_, scratch_.grid);
   }
 
   void refuse(std::int64_t id, Field field) {
@@ -235,16 +247,16 @@ class EngineOn final : public Engine {
   }
 
   void run_frames(std::int64_t frames, FrameParameters parameters) {
-    backend_.copy_to_device(fault_.data(), &no_fault, 1);
+    backend_.copy_to_device(scratch_.first_fault.data(), &no_fault, 1);
     for (std::int64_t i = 0; i < frames; ++i) {
       parameters.frame = static_cast<std::uint32_t>(i);
-      simulate_frame(backend_, parameters, bodies_, grid_, fault_.data(), timer);
+      simulate_frame(backend_, parameters, bodies_, scratch_, timer);
     }
   }
 
   std::uint64_t first_fault() {
     std::uint64_t fault = no_fault;
-    backend_.copy_to_host(&fault, static_cast<const std::uint64_t*>(fault_.data()), 1);
+    backend_.copy_to_host(&fault, static_cast<const std::uint64_t*>(scratch_.first_fault.data()), 1);
     return fault;
   }
 
@@ -253,18 +265,22 @@ class EngineOn final : public Engine {
     kept_velocities_.resize(count());
     backend_.copy(kept_positions_.data(), std::as_const(bodies_.positions).data(), count());
     backend_.copy(kept_velocities_.data(), std::as_const(bodies_.velocities).data(), count());
+    if (!bodies_.is_rough) return;
+    kept_spins_.resize(count());
+    backend_.copy(kept_spins_.data(), std::as_const(bodies_.spins).data(), count());
   }
   void restore_state() {
     backend_.copy(bodies_.positions.data(), std::as_const(kept_positions_).data(), count());
     backend_.copy(bodies_.velocities.data(), std::as_const(kept_velocities_).data(), count());
+    if (bodies_.is_rough) backend_.copy(bodies_.spins.data(), std::as_const(kept_spins_).data(), count());
   }
 
   WorldOptions options_;
   B backend_;
   Bodies<B> bodies_{backend_};
-  Grid<B> grid_{backend_};
-  typename B::template Buffer<std::uint64_t> fault_{backend_};
-  typename B::template Buffer<Vec3> kept_positions_{backend_}, kept_velocities_{backend_};  // before unchecked frames
+  Scratch<B> scratch_{backend_};
+  typename B::template Buffer<Vec3> kept_positions_{backend_}, kept_velocities_{backend_},
+      kept_spins_{backend_};  // before unchecked frames
   float largest_radius_ = 0;
 };
 

@@ -56,7 +56,7 @@ double smallest_cell_edge(const Box& box, float largest_radius) {
   return diameter / (1.0 - cells * 0x1p-21);
 }
 
-GridShape choose_grid_shape(const Box& box, float largest_radius, float cell_size, std::int64_t count) {
+GridShape choose_grid_shape(const Box& box, float largest_radius, float cell_size, std::int64_t count, float margin) {
   if (cell_size > 0 && cell_size < 2 * largest_radius) {
     throw InvalidValue(
         "cell_size", -1, text_of(cell_size),
@@ -66,7 +66,7 @@ GridShape choose_grid_shape(const Box& box, float largest_radius, float cell_siz
   // that a hash can number.
   const double most_cells = std::clamp(4.0 * static_cast<double>(count), 262144.0, 2147483647.0);
   const std::array<Axis, 3> axes = axes_of(box);
-  double edge = std::max(smallest_cell_edge(box, largest_radius), static_cast<double>(cell_size));
+  double edge = std::max(smallest_cell_edge(box, largest_radius + 0.5f * margin), static_cast<double>(cell_size));
   std::array<double, 3> cells{};
   const auto count_cells = [&](double open_cells) {
     for (std::size_t i = 0; i < 3; ++i) {

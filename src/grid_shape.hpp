@@ -24,7 +24,9 @@ double smallest_cell_edge(const Box& box, float largest_radius);
 
 // Edges as small as that, or as asked for if larger; larger still where the box would need far more cells than there
 // are spheres.
-GridShape choose_grid_shape(const Box& box, float largest_radius, float cell_size, std::int64_t count);
+// margin: how far apart two surfaces may be that still have to be found [m].
+GridShape choose_grid_shape(const Box& box, float largest_radius, float cell_size, std::int64_t count,
+                            float margin = 0);
 
 // Throws the InvalidValue for sphere `id`, of which `found` holds the value.
 [[noreturn]] void refuse_value(const Box& box, Field field, std::int64_t id, const float* found);

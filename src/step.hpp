@@ -1,33 +1,79 @@
-// The frame, on one page.
+// The frame of each solver, on one page.
 #pragma once
 
+#include "fastcollide/world.hpp"
 #include "stage_timer.hpp"
 #include "stages/advance.hpp"
 #include "stages/build_grid.hpp"
 #include "stages/solve_contacts.hpp"
+#include "stages/substep_contacts.hpp"
 
 namespace fastcollide {
 
 struct FrameParameters {
-  Flight flight;
+  Solver solver;
+  Flight flight;  // through a frame, or a substep
+  Vec3 gravity;
   Box box;
   WallMaterial wall;
   int iterations;
   SolverScales scales;
+  SoftContactLaw law;
   std::uint32_t frame;  // since the start of the run
+};
+
+template <Backend B>
+struct Scratch {
+  explicit Scratch(B& backend) : grid(backend), substep(backend), first_fault(backend) { first_fault.resize(1); }
+
+  Grid<B> grid;
+  SubstepScratch<B> substep;
+  typename B::template Buffer<std::uint64_t> first_fault;
 };
 
 // The report's frame: flight and walls, then `iterations` times a new grid and one pass over all contacts. A pass reads
 // the copy of the state in the grid and writes the bodies, so no sphere sees a neighbour half changed.
 template <Backend B>
-void simulate_frame(B& backend, const FrameParameters& frame, Bodies<B>& bodies, Grid<B>& grid,
-                    std::uint64_t* first_fault, StageTimer& timer) {
+void simulate_reference_frame(B& backend, const FrameParameters& frame, Bodies<B>& bodies, Scratch<B>& scratch,
+                              StageTimer& timer) {
+  std::uint64_t* first_fault = scratch.first_fault.data();
   timer.time(backend, "advance",
              [&] { advance(backend, frame.flight, frame.box, frame.wall, frame.frame, bodies, first_fault); });
   for (int iteration = 0; iteration < frame.iterations; ++iteration) {
-    timer.time(backend, "build_grid", [&] { build_grid(backend, bodies, grid); });
-    timer.time(backend, "solve_contacts",
-               [&] { solve_contacts(backend, frame.scales, frame.box, frame.frame, grid, bodies, first_fault); });
+    timer.time(backend, "build_grid", [&] { build_grid(backend, bodies, scratch.grid); });
+    timer.time(backend, "solve_contacts", [&] {
+      solve_contacts(backend, frame.scales, frame.box, frame.frame, scratch.grid, bodies, first_fault);
+    });
+  }
+}
+
+// The default frame: `iterations` substeps, each with gravity, a new grid, one pass that gathers all contacts and one
+// that applies them. The crowding that a substep needs is that of the substep before; the first one measures it.
+template <Backend B>
+void simulate_substep_frame(B& backend, const FrameParameters& frame, Bodies<B>& bodies, Scratch<B>& scratch,
+                            StageTimer& timer) {
+  timer.time(backend, "build_grid", [&] { build_grid(backend, bodies, scratch.grid); });
+  timer.time(backend, "measure_crowding",
+             [&] { measure_crowding(backend, frame.law, frame.box, scratch.grid, scratch.substep); });
+  for (int substep = 0; substep < frame.iterations; ++substep) {
+    timer.time(backend, "advance", [&] { add_gravity(backend, frame.flight, bodies); });
+    timer.time(backend, "build_grid", [&] { build_grid(backend, bodies, scratch.grid); });
+    timer.time(backend, "solve_contacts", [&] {
+      gather_contacts(backend, frame.law, frame.scales.velocity, frame.box, frame.gravity, frame.wall, frame.frame,
+                      scratch.grid, bodies, scratch.substep, scratch.first_fault.data());
+      apply_contacts(backend, frame.law, frame.box, frame.gravity, frame.wall, frame.frame, scratch.grid, bodies,
+                     scratch.substep, scratch.first_fault.data());
+    });
+  }
+}
+
+template <Backend B>
+void simulate_frame(B& backend, const FrameParameters& frame, Bodies<B>& bodies, Scratch<B>& scratch,
+                    StageTimer& timer) {
+  if (frame.solver == Solver::reference) {
+    simulate_reference_frame(backend, frame, bodies, scratch, timer);
+  } else {
+    simulate_substep_frame(backend, frame, bodies, scratch, timer);
   }
 }
 

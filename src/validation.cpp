@@ -97,6 +97,10 @@ void check_spheres(const Spheres& spheres, const WorldOptions& options) {
     const StateCheck check = body(i);
     const Field field = Field(check.first_bad % 8);
     if (check.first_bad != no_fault) refuse_value(box, field, i, value_of(spheres, field, i));
+    if (options.solver == Solver::reference && !spheres.friction.empty() && spheres.friction[i] > 0) {
+      throw InvalidValue("friction", i, text_of(spheres.friction[i]),
+                         "0: the reference solver has no friction of spheres");
+    }
     for (int axis = 0; axis < 3; ++axis) {
       const float x = spheres.position[static_cast<std::size_t>(3 * i + axis)];
       if (options.boundary[axis] != Boundary::open && !between(x, options.lower[axis], options.upper[axis])) {

@@ -29,6 +29,12 @@ def gpu(request):
     return request.param
 
 
+@pytest.fixture(scope="session", params=["substep", "reference"])
+def solver(request):
+    """Each test that asks for it runs once with each solver."""
+    return request.param
+
+
 @pytest.fixture(scope="session")
 def write():
     """write(array, values): values into an array of a world, wherever it lies."""

@@ -27,6 +27,7 @@ BuildInfo build_info();
 struct Limits {
   std::int64_t spheres;           // in one world
   std::int64_t bytes_per_sphere;  // of the memory of its device, while it steps
+  std::int64_t bytes_for_spin;    // likewise, more, where there is friction or spin
   std::int64_t bytes_per_cell;    // likewise; a grid has at most 4 cells a sphere, or 2^18 if that is more
   std::int64_t reach_in_radii;    // coordinates up to this many smallest radii from 0 are always allowed
 };

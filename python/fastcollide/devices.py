@@ -37,13 +37,14 @@ class Limits:
 
     spheres: the most in one world;
     bytes_per_sphere, bytes_per_cell: memory on the world's device while it steps (a grid has at most 4 cells a sphere,
-    or 2^18 if that is more);
+    or 2^18 if that is more); bytes_for_spin: more for each sphere of a world with friction or spin;
     reach_in_radii: coordinates up to this many smallest radii from 0 are always allowed, those from twice that never:
     float32 could not place such a sphere to 1/64 of its radius.
     """
 
     spheres: int
     bytes_per_sphere: int
+    bytes_for_spin: int
     bytes_per_cell: int
     reach_in_radii: int
 

@@ -21,5 +21,6 @@ def print_info() -> int:
     limits = fc.limits()
     say("spheres", f"at most {limits.spheres:,} in one world")
     say("memory", f"{limits.bytes_per_sphere} bytes a sphere and {limits.bytes_per_cell} a grid cell")
+    say("", f"{limits.bytes_for_spin} bytes a sphere more with friction or spin")
     say("coordinates", f"up to {limits.reach_in_radii:,} times the smallest radius")
     return EXIT_FINE

@@ -43,4 +43,4 @@ def parse_positional(arguments: Sequence[str]) -> RunSettings:
             "positional form", f"{len(arguments)} values", f"at most {len(ORDER)}: {' '.join(ORDER).replace('_', '-')}"
         )
     values = {name: PARAMETERS[name].parse(text) for name, text in zip(ORDER, arguments, strict=False)}
-    return RunSettings(**values)
+    return RunSettings(solver="reference", **values)  # the report's program has the report's loop

@@ -12,6 +12,7 @@ from typing import Any, get_args
 from fastcollide.colormaps import COLOR_MAPS
 from fastcollide.parameters import Choice, DeviceName, FilePath, InvalidSetting, Kind, Parameter, Real, Switch, Whole
 from fastcollide.render import ColorBy
+from fastcollide.world import SOLVERS
 
 DEFAULT_VIDEO_FPS = 30
 
@@ -152,8 +153,16 @@ class RunSettings(PictureSettings):
         default=1000.0,
         metadata=_about(Real(0, 1_000_000, without_minimum=True), "Density of the spheres.", unit="kg/m³"),
     )
-    solver: str = field(default="reference", metadata=_about(Choice(("reference",)), "How contacts are solved."))
-    iterations: int = field(default=5, metadata=_about(Whole(1, 1000), "Contact iterations in each frame."))
+    solver: str = field(
+        default="substep",
+        metadata=_about(
+            Choice(SOLVERS), "How contacts are solved: stable at rest, or by the report's loop, kept as a yardstick."
+        ),
+    )
+    iterations: int = field(
+        default=5,
+        metadata=_about(Whole(1, 1000), "Substeps (or contact passes of the reference solver) in each frame."),
+    )
     cell_size: float | None = field(
         default=None,
         metadata=_about(

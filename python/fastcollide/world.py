@@ -12,6 +12,8 @@ from fastcollide import _core
 from fastcollide.errors import InvalidValue
 from fastcollide.spheres import DEFAULT_BOUNDS, Bounds, Spheres, corners
 
+SOLVERS = ("substep", "reference")
+
 
 @dataclass(frozen=True)
 class Contacts:
@@ -69,7 +71,7 @@ class World:
         drag: float = 0.06,
         floor_restitution: float = 0.6,
         wall_friction: float = 0.0,
-        solver: str = "reference",
+        solver: str = "substep",
         iterations: int = 5,
         cell_size: float | None = None,
         device: str = "auto",
@@ -77,8 +79,8 @@ class World:
         *,
         block_size: int = 128,
     ) -> None:
-        if solver != "reference":
-            raise InvalidValue(f'solver: found "{solver}"; allowed: "reference"', "solver")
+        if solver not in SOLVERS:
+            raise InvalidValue(f'solver: found "{solver}"; allowed: "substep" or "reference"', "solver")
         if cell_size is not None and not cell_size > 0:
             raise InvalidValue(f"cell_size: found {cell_size}; allowed: more than 0 [m], or None", "cell_size")
         lower, upper = corners(bounds)
@@ -93,6 +95,7 @@ class World:
             drag=drag,
             floor_restitution=floor_restitution,
             wall_friction=wall_friction,
+            is_reference=solver == "reference",
             iterations=iterations,
             cell_size=cell_size or 0.0,
             device=device,
@@ -137,7 +140,15 @@ class World:
             spheres = _spheres(given)
         elif extra := [field for field, value in given.items() if value is not None]:
             raise InvalidValue(f"{extra[0]}: found beside Spheres; allowed: either Spheres or arrays by name", extra[0])
-        first = self._world.add(spheres.position, spheres.velocity, spheres.radius, spheres.mass, spheres.restitution)
+        first = self._world.add(
+            spheres.position,
+            spheres.velocity,
+            spheres.radius,
+            spheres.mass,
+            spheres.restitution,
+            spheres.spin,
+            spheres.friction,
+        )
         return np.arange(first, first + len(spheres), dtype=np.int32)
 
     def step(self, frames: int = 1, dt: float = 1 / 60) -> None:

@@ -30,7 +30,7 @@ FC_HOST_DEVICE inline ContactChange resolve_contact(const Sphere& a, const Spher
   const float share = b.mass / (a.mass + b.mass);
   const float approach = -dot(a.velocity - b.velocity, contact.normal);
   const float bounce = approach > 0.0f ? (1.0f + pair_restitution(a.restitution, b.restitution)) * approach : 0.0f;
-  return {contact.normal * (contact.depth * share), contact.normal * (bounce * share)};
+  return {contact.normal * (larger(contact.depth, 0.0f) * share), contact.normal * (bounce * share)};
 }
 
 }  // namespace fastcollide

@@ -31,7 +31,7 @@ FC_HOST_DEVICE inline bool overlaps(Vec3 a, float radius_a, Vec3 b, float radius
 
 struct ContactGeometry {
   Vec3 normal;  // from the second sphere to the first, unit length
-  float depth;  // overlap along the normal, >= 0 [m]
+  float depth;  // overlap along the normal, negative where the surfaces are apart [m]
 };
 
 // Swapping the two spheres turns the normal round and keeps every other bit: action equals reaction.
@@ -43,7 +43,7 @@ FC_HOST_DEVICE inline ContactGeometry contact_geometry(Vec3 a, float radius_a, s
   // Centres that coincide have no direction of their own: the smaller id goes towards +x. The limit keeps the square
   // of the offset in the range of normal numbers.
   if (!(distance > 1e-18f)) return {{id_a < id_b ? 1.0f : -1.0f, 0.0f, 0.0f}, reach};
-  return {{offset.x / distance, offset.y / distance, offset.z / distance}, larger(reach - distance, 0.0f)};
+  return {{offset.x / distance, offset.y / distance, offset.z / distance}, reach - distance};
 }
 
 }  // namespace fastcollide

@@ -58,4 +58,22 @@ FC_HOST_DEVICE inline void collide_with_walls(Vec3& position, Vec3& velocity, fl
   }
 }
 
+// Calls visit(normal, depth, is_floor) for each wall; the normal points inwards, depth is how far the sphere reaches
+// in.
+template <class Visit>
+FC_HOST_DEVICE inline void visit_walls(Vec3 position, float radius, const Box& box, Visit& visit) {
+  if (box.x == Boundary::wall) {
+    visit(Vec3{1, 0, 0}, box.lower.x + radius - position.x, false);
+    visit(Vec3{-1, 0, 0}, position.x - (box.upper.x - radius), false);
+  }
+  if (box.y == Boundary::wall) {
+    visit(Vec3{0, 1, 0}, box.lower.y + radius - position.y, false);
+    visit(Vec3{0, -1, 0}, position.y - (box.upper.y - radius), false);
+  }
+  if (box.z == Boundary::wall) {
+    visit(Vec3{0, 0, 1}, box.lower.z + radius - position.z, true);
+    visit(Vec3{0, 0, -1}, position.z - (box.upper.z - radius), false);
+  }
+}
+
 }  // namespace fastcollide

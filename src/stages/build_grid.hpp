@@ -28,11 +28,13 @@ struct FillSlots {
   const float* radii;
   const float* body_masses;
   const float* restitutions;
+  const Vec3* body_spins;  // or null
   std::uint32_t* cell_start;
   std::uint32_t* cell_end;
   Vec4* position_radius;
   Vec4* velocity_restitution;
   float* masses;
+  Vec3* spins;
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
     const std::uint32_t cell = cells[slot];
@@ -43,6 +45,7 @@ struct FillSlots {
     position_radius[slot] = {position.x, position.y, position.z, radii[id]};
     velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, restitutions[id]};
     masses[slot] = body_masses[id];
+    if (body_spins != nullptr) spins[slot] = body_spins[id];
   }
 };
 
@@ -55,6 +58,7 @@ void build_grid(B& backend, const Bodies<B>& bodies, Grid<B>& grid) {
   for (auto* buffer : {&grid.cell_start, &grid.cell_end}) buffer->resize(cells);
   for (auto* buffer : {&grid.position_radius, &grid.velocity_restitution}) buffer->resize(count);
   grid.masses.resize(count);
+  grid.spins.resize(bodies.is_rough ? count : 0);
 
   backend.for_each(count,
                    HashCells{shape, bodies.positions.data(), grid.unsorted_cells.data(), grid.unsorted_ids.data()});
@@ -64,10 +68,11 @@ void build_grid(B& backend, const Bodies<B>& bodies, Grid<B>& grid) {
   // An empty cell keeps start = end = 0.
   backend.fill_zero(grid.cell_start.data(), cells);
   backend.fill_zero(grid.cell_end.data(), cells);
-  backend.for_each(count, FillSlots{count, grid.cells.data(), grid.ids.data(), bodies.positions.data(),
-                                    bodies.velocities.data(), bodies.radii.data(), bodies.masses.data(),
-                                    bodies.restitutions.data(), grid.cell_start.data(), grid.cell_end.data(),
-                                    grid.position_radius.data(), grid.velocity_restitution.data(), grid.masses.data()});
+  backend.for_each(
+      count, FillSlots{count, grid.cells.data(), grid.ids.data(), bodies.positions.data(), bodies.velocities.data(),
+                       bodies.radii.data(), bodies.masses.data(), bodies.restitutions.data(), bodies.spins.data(),
+                       grid.cell_start.data(), grid.cell_end.data(), grid.position_radius.data(),
+                       grid.velocity_restitution.data(), grid.masses.data(), grid.spins.data()});
 }
 
 }  // namespace fastcollide

@@ -84,7 +84,7 @@ struct MeasurePairs {
   FC_HOST_DEVICE void operator()(std::int64_t pair) const {
     const std::uint32_t i = first[pair], j = second[pair];
     const ContactGeometry contact = contact_geometry(positions[j], radii[j], j, positions[i], radii[i], i, period);
-    gap[pair] = -contact.depth;
+    gap[pair] = -larger(contact.depth, 0.0f);  // decided in double precision, measured in single
     normal[pair] = contact.normal;
   }
 };

@@ -1,8 +1,10 @@
 // Runs the report's scene through the public C++ interface and prints the hashes of its start, its end and a picture.
-//   print_hash [particles [frames [device [threads [block_size]]]]]
+//   print_hash [particles [frames [device [threads [block_size [reference | smooth | rough]]]]]]
+// smooth and rough are the default solver without and with friction.
 #include <cinttypes>
 #include <cstdio>
 #include <cstdlib>
+#include <string>
 #include <vector>
 
 #include "fastcollide/renderer.hpp"
@@ -50,14 +52,20 @@ int main(int argc, char** argv) {
   options.threads = static_cast<int>(number(4, 0));
   options.block_size = static_cast<int>(number(5, 128));
   try {
+    const std::string kind = argc > 6 ? argv[6] : "rough";
+    options.solver = kind == "reference" ? fastcollide::Solver::reference : fastcollide::Solver::substep;
+    options.wall_friction = kind == "rough" ? 0.3f : 0.0f;
     fastcollide::World world(options);
-    world.add(fastcollide::random_spheres(random, options.device == "auto" ? "cpu" : options.device));
+    fastcollide::Spheres spheres =
+        fastcollide::random_spheres(random, options.device == "auto" ? "cpu" : options.device);
+    if (kind == "rough") spheres.friction.assign(spheres.radius.size(), 0.4f);
+    world.add(spheres);
     std::printf("start %016" PRIx64 "\n", world.state_hash());
     world.step(number(2, 60), 1.0 / 60);
     std::printf("picture %016" PRIx64 "\n", picture_hash(world));
     std::printf("end %016" PRIx64 " contacts %" PRId64 " overlap %.9g energy %.17g\n", world.state_hash(),
                 world.contact_count(), static_cast<double>(world.max_overlap()),
-                world.energy().kinetic + world.energy().potential);
+                world.energy().kinetic + world.energy().rotational + world.energy().potential);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "print_hash: %s\n", error.what());
     return 1;

@@ -26,11 +26,11 @@ def hash_after(frames, device="cpu", **options):
     return world.state_hash(), world.contact_count(), world.energy(), tuple(world.momentum()), world.max_overlap()
 
 
-def test_any_number_of_threads():
+def test_any_number_of_threads(solver):
     """State, contacts, energy, momentum and overlap."""
-    expected = hash_after(6, threads=1)
+    expected = hash_after(6, solver=solver, threads=1)
     for threads in (2, 3, 5, 16):
-        assert hash_after(6, threads=threads) == expected
+        assert hash_after(6, solver=solver, threads=threads) == expected
 
 
 def test_contacts_of_any_number_of_threads():
@@ -42,13 +42,13 @@ def test_contacts_of_any_number_of_threads():
             assert getattr(found, name).tobytes() == getattr(expected, name).tobytes()
 
 
-def test_cpu_and_gpu(gpu):
+def test_cpu_and_gpu(gpu, solver):
     """State, contacts, energy, momentum and overlap."""
-    assert hash_after(40, gpu) == hash_after(40, "cpu")
+    assert hash_after(40, gpu, solver=solver) == hash_after(40, "cpu", solver=solver)
 
 
-def test_one_run_of_many_frames_equals_many_of_one(device):
-    one, many = golden.world_of(CROWD, device=device), golden.world_of(CROWD, device=device)
+def test_one_run_of_many_frames_equals_many_of_one(device, solver):
+    one, many = (golden.world_of(CROWD, device=device, solver=solver) for _ in range(2))
 
     one.step(40, 1 / 120)
     for _ in range(40):
@@ -59,9 +59,9 @@ def test_one_run_of_many_frames_equals_many_of_one(device):
     assert many.time == pytest.approx(one.time, rel=1e-12) == pytest.approx(40 / 120)
 
 
-def test_looking_changes_nothing(device):
+def test_looking_changes_nothing(device, solver):
     """Neither do measurements between frames, nor the time that stages are given."""
-    blind, watched = golden.world_of(CROWD, device=device), golden.world_of(CROWD, device=device)
+    blind, watched = (golden.world_of(CROWD, device=device, solver=solver) for _ in range(2))
     watched.timed = True
 
     for _ in range(10):
@@ -75,11 +75,11 @@ def test_looking_changes_nothing(device):
     assert watched.state_hash() == blind.state_hash()
 
 
-def test_the_order_of_the_spheres_permutes_the_state(device):
+def test_the_order_of_the_spheres_permutes_the_state(device, solver):
     """Sums over contacts do not depend on the order of their terms, not even in the last bit."""
     spheres, options = golden.crowd()
     order = np.random.default_rng(12).permutation(len(spheres))
-    plain, permuted = fc.World(device=device, **options), fc.World(device=device, **options)
+    plain, permuted = (fc.World(device=device, **{**options, "solver": solver}) for _ in range(2))
     plain.add(spheres)
     permuted.add(
         position=spheres.position[order], velocity=spheres.velocity[order], radius=spheres.radius[order],
@@ -166,13 +166,13 @@ def round_upwards(library):
 
 
 @pytest.mark.parametrize("change", [flush_to_zero, round_upwards])
-def test_a_caller_with_another_floating_point_environment(device, change):
+def test_a_caller_with_another_floating_point_environment(device, solver, change):
     """Some libraries change it for the whole thread when they are imported."""
     library = floating_point_library()
     spheres = fc.random_spheres(2000, seed=14)
     # Half of the speeds along x and y are denormal numbers.
     velocity = spheres.velocity * np.where(np.arange(2000) % 2, np.float32(1e-39), np.float32(1))[:, None]
-    plain, changed = fc.World(device=device, threads=2), fc.World(device=device, threads=2)
+    plain, changed = (fc.World(device=device, solver=solver, threads=2) for _ in range(2))
     for world in (plain, changed):
         world.add(position=spheres.position, radius=spheres.radius, velocity=velocity, mass=spheres.mass)
     plain.step(3)

@@ -136,6 +136,7 @@ def test_the_summary_tells_the_state(program):
         ["--restitution", "0.3", "0.9"],
         ["--density", "999"],
         ["--iterations", "4"],
+        ["--solver", "reference"],
     ],
     ids=lambda change: change[0],
 )

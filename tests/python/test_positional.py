@@ -16,6 +16,7 @@ def test_each_value_lands_in_its_setting():
     settings = parse_positional(values)
 
     assert settings == RunSettings(
+        solver="reference",  # the report's program has the report's loop
         particles=7,
         frames=90,
         fps=30,

@@ -15,12 +15,12 @@ import pytest
 def test_the_default_world_is_the_report_s(device):
     world = fc.World(device=device)
     assert world.bounds == ((-10, -10, 0), (10, 10, 20))
-    assert world.solver == "reference"
+    assert world.solver == "substep"
     assert (len(world), world.frame, world.time) == (0, 0, 0)
 
     explicit = fc.World(
         bounds=((-10, -10, 0), (10, 10, 20)), gravity=(0, 0, -9.8), drag=0.06, floor_restitution=0.6,
-        wall_friction=0.0, solver="reference", iterations=5, cell_size=None, device=device, threads=None,
+        wall_friction=0.0, solver="substep", iterations=5, cell_size=None, device=device, threads=None,
     )  # fmt: skip
     for one in (world, explicit):
         one.add(fc.random_spheres(1000))
@@ -35,16 +35,16 @@ def test_the_default_world_is_the_report_s(device):
         {"iterations": 4}, {"bounds": ((-10, -10, 0), (10, 10, 20.5))},
     ],
 )  # fmt: skip
-def test_every_parameter_has_an_effect(device, change):
-    plain, changed = fc.World(device=device), fc.World(device=device, **change)
+def test_every_parameter_has_an_effect(device, solver, change):
+    plain, changed = (fc.World(device=device, **{"solver": solver, **options}) for options in ({}, change))
     for world in (plain, changed):
         world.add(fc.random_spheres(1000, seed=2))
         world.step(30)
     assert changed.state_hash() != plain.state_hash()
 
 
-def test_time_and_frames(device):
-    world = fc.World(device=device)
+def test_time_and_frames(device, solver):
+    world = fc.World(device=device, solver=solver)
     world.add(position=(0, 0, 5), radius=0.5)
     world.step()
     assert (world.frame, world.time) == (1, pytest.approx(1 / 60))
@@ -56,8 +56,8 @@ def test_time_and_frames(device):
     assert (world.frame, world.time) == (6, pytest.approx(1 / 60 + 2))
 
 
-def test_time_does_not_depend_on_how_it_is_stepped(device):
-    one, many = fc.World(device=device), fc.World(device=device)
+def test_time_does_not_depend_on_how_it_is_stepped(device, solver):
+    one, many = fc.World(device=device, solver=solver), fc.World(device=device, solver=solver)
     for world in (one, many):
         world.add(position=(0, 0, 5), radius=0.5)
     one.step(100)
@@ -66,8 +66,8 @@ def test_time_does_not_depend_on_how_it_is_stepped(device):
     assert many.time == one.time
 
 
-def test_a_world_without_spheres_can_be_stepped(device):
-    world = fc.World(device=device)
+def test_a_world_without_spheres_can_be_stepped(device, solver):
+    world = fc.World(device=device, solver=solver)
     world.step(10)
     assert (world.frame, len(world)) == (10, 0)
     assert world.time == pytest.approx(1 / 6)
@@ -147,8 +147,8 @@ def test_repr(device):
     assert repr(world) == f"World(7 spheres, frame 2, time 0.5 s, on {world.device})"
 
 
-def test_stage_times(device):
-    world = fc.World(device=device)
+def test_stage_times(device, solver):
+    world = fc.World(device=device, solver=solver)
     world.add(fc.random_spheres(2000))
     world.step(2)
     assert not any(world.stage_times.values())
@@ -156,7 +156,8 @@ def test_stage_times(device):
     world.step(2)
     assert world.timed
     once = dict(world.stage_times)
-    assert set(once) == {"advance", "build_grid", "solve_contacts"}
+    own = {"substep": {"measure_crowding"}, "reference": set()}[solver]
+    assert set(once) == {"advance", "build_grid", "solve_contacts"} | own
     assert all(seconds > 0 for seconds in once.values())
     world.step(2)
     assert all(world.stage_times[name] > seconds for name, seconds in once.items())

@@ -11,7 +11,7 @@ DT = 1 / 60
 
 def both(device, count, seed, **options):
     spheres = fc.random_spheres(count, bounds=BOUNDS, seed=seed, radius=(0.05, 0.25))
-    world = fc.World(bounds=BOUNDS, device=device, **options)
+    world = fc.World(bounds=BOUNDS, solver="reference", device=device, **options)
     world.add(spheres)
     arrays = (spheres.position, spheres.velocity, spheres.radius, spheres.mass, spheres.restitution)
     return world, Scene(*(array.astype(np.float64) for array in arrays), bounds=BOUNDS, **options)

@@ -9,12 +9,12 @@ CROWD = "crowd, 3,000 spheres, 100 frames"
 
 
 @pytest.fixture(scope="module")
-def by_default(device):
-    return hashes_at(device, None)
+def by_default(device, solver):
+    return hashes_at(device, solver, None)
 
 
-def hashes_at(device, cell_size):
-    world = fc.World(device=device, cell_size=cell_size)
+def hashes_at(device, solver, cell_size):
+    world = fc.World(device=device, solver=solver, cell_size=cell_size)
     world.add(fc.random_spheres(3000, seed=21))
     contacts = world.contact_count()
     assert contacts > 100
@@ -23,8 +23,8 @@ def hashes_at(device, cell_size):
 
 
 @pytest.mark.parametrize("cell_size", [0.81, 1.0, 2.0, 5.0, 1000.0])
-def test_no_result_depends_on_the_size_of_the_cells(device, by_default, cell_size):
-    assert hashes_at(device, cell_size) == by_default
+def test_no_result_depends_on_the_size_of_the_cells(device, solver, by_default, cell_size):
+    assert hashes_at(device, solver, cell_size) == by_default
 
 
 @pytest.mark.parametrize("cell_size", [0.31, 0.7])

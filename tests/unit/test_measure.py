@@ -6,8 +6,8 @@ import pytest
 
 
 @pytest.fixture
-def world(device):
-    world = fc.World(gravity=(0.5, -1.0, -9.8), device=device)
+def world(device, solver):
+    world = fc.World(gravity=(0.5, -1.0, -9.8), solver=solver, device=device)
     world.add(fc.random_spheres(2000, seed=31))
     world.step(3)
     return world

@@ -6,9 +6,9 @@ import pytest
 
 
 @pytest.fixture
-def cloud(device):
+def cloud(device, solver):
     """A cloud in free space that collides with itself and never reaches a wall."""
-    world = fc.World(bounds=((-50,) * 3, (50,) * 3), gravity=(0, 0, 0), drag=0.0, device=device)
+    world = fc.World(bounds=((-50,) * 3, (50,) * 3), gravity=(0, 0, 0), drag=0.0, solver=solver, device=device)
     world.add(fc.random_spheres(1500, bounds=((-3,) * 3, (3,) * 3), seed=3, speed=(4, 4, 4)))
     return world
 
@@ -42,9 +42,9 @@ def test_the_center_of_mass_moves_on_a_straight_line(cloud):
     np.testing.assert_allclose(mass @ state_of(cloud)[1] / mass.sum(), expected, atol=2e-6)
 
 
-def test_dilute_elastic_collisions_keep_the_energy(device):
+def test_dilute_elastic_collisions_keep_the_energy(device, solver):
     """Where no sphere touches two others at once, e = 1 loses and gains nothing."""
-    world = fc.World(bounds=((-50,) * 3, (50,) * 3), gravity=(0, 0, 0), drag=0.0, device=device)
+    world = fc.World(bounds=((-50,) * 3, (50,) * 3), gravity=(0, 0, 0), drag=0.0, solver=solver, device=device)
     spheres = fc.random_spheres(300, ((-10,) * 3, (10,) * 3), 5, (0.3, 0.4), (8, 8, 8), (1, 1))
     world.add(spheres)
     world.step(1)  # overlaps of the start are gone

@@ -26,7 +26,9 @@ def impact(device, axis, side, speed, tangential, friction=0.0, frames=1):
     position[axis] = limit - outwards * speed * DT / 2
     velocity[axis] = outwards * speed
     velocity[np.delete(np.arange(3), axis)] = tangential
-    world = fc.World(device=device, floor_restitution=FLOOR_RESTITUTION, wall_friction=friction, **STILL)
+    world = fc.World(
+        device=device, solver="reference", floor_restitution=FLOOR_RESTITUTION, wall_friction=friction, **STILL
+    )
     world.add(position=position, velocity=velocity, radius=RADIUS, restitution=RESTITUTION)
     world.step(frames, DT)
     after = fc.to_numpy(world.velocities)[0]
@@ -73,27 +75,27 @@ def test_friction_stops_a_slow_slip_and_never_reverses_it(device, axis, side):
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.25, 0.5, 0.75, 1.0])
-def test_restitution_of_the_floor(device, restitution):
-    world = fc.World(device=device, floor_restitution=restitution, **STILL)
+def test_restitution_of_the_floor(device, solver, restitution):
+    world = fc.World(device=device, solver=solver, floor_restitution=restitution, **STILL)
     world.add(position=(0, 0, -0.74), velocity=(0, 0, -1), radius=RADIUS, restitution=0.4)
     world.step(1, DT)
 
     assert fc.to_numpy(world.velocities)[0, 2] == pytest.approx(restitution, abs=1e-6)
 
 
-def test_a_corner_reverses_all_three(device):
-    world = fc.World(device=device, floor_restitution=0.5, **STILL)
+def test_a_corner_reverses_all_three(device, solver):
+    world = fc.World(device=device, solver=solver, floor_restitution=0.5, **STILL)
     world.add(position=(-2.74, 2.74, -0.74), velocity=(-1, 2, -4), radius=RADIUS, restitution=0.75)
     world.step(1, DT)
 
     np.testing.assert_allclose(fc.to_numpy(world.velocities)[0], (0.75, -1.5, 2.0), rtol=1e-6)
 
 
-def test_heights_of_bounces(device):
+def test_heights_of_bounces(device, solver):
     """h e², h e⁴, h e⁶ for e = 0.8 from 1 m."""
     world = fc.World(
         bounds=((-1, -1, 0), (1, 1, 3)), gravity=(0, 0, -9.81), drag=0.0, floor_restitution=0.8, iterations=1,
-        device=device,
+        device=device, solver=solver,
     )  # fmt: skip
     world.add(position=(0, 0, 1.25), radius=0.25)
     heights = []
@@ -111,7 +113,7 @@ def test_friction_stops_a_slide(device):
     friction, speed, gravity, dt = 0.2, 2.0, 9.81, 1 / 1000
     world = fc.World(
         bounds=((-4, -4, 0), (4, 4, 2)), gravity=(0, 0, -gravity), drag=0.0, floor_restitution=0.0,
-        wall_friction=friction, device=device,
+        wall_friction=friction, solver="reference", device=device,
     )  # fmt: skip
     world.add(position=(-1, -1, 0.25), radius=0.25, velocity=(speed * 0.6, speed * 0.8, 0))
     stop = speed / (friction * gravity)

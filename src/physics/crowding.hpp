@@ -1,0 +1,41 @@
+// How many contacts push a sphere in the same direction: the factor by which the impulses that all its neighbours find at
+// the same time have to be cut, so that together they do not overshoot.
+//
+// Each contact that carries load adds w n nᵀ to a tensor Q. The largest eigenvalue of Q is the largest number of (weighted)
+// contacts along one direction: 0 in flight, 1 for one contact or two at a right angle, 2 between two plates.
+#pragma once
+
+#include "../math.hpp"
+
+namespace fastcollide {
+
+struct CrowdingSum {
+  std::int64_t xx = 0, yy = 0, zz = 0, xy = 0, xz = 0, yz = 0;
+};
+
+// Weights are at most (1 + sqrt 2) / 2.
+inline FixedPoint crowding_scale() { return fixed_point_for(2.0f); }
+
+FC_HOST_DEVICE inline void add_contact(CrowdingSum& sum, Vec3 normal, float weight, FixedPoint fixed) {
+  const Vec3 weighted = normal * weight;
+  add_exactly(sum.xx, weighted.x * normal.x, fixed);
+  add_exactly(sum.yy, weighted.y * normal.y, fixed);
+  add_exactly(sum.zz, weighted.z * normal.z, fixed);
+  add_exactly(sum.xy, weighted.x * normal.y, fixed);
+  add_exactly(sum.xz, weighted.x * normal.z, fixed);
+  add_exactly(sum.yz, weighted.y * normal.z, fixed);
+}
+
+// q + 2 p with q = tr Q / 3, p² = |Q - q I|² / 6: the closed form of the largest eigenvalue of a symmetric 3×3 matrix is
+// q + 2 p cos φ (Smith, "Eigenvalues of a symmetric 3×3 matrix", CACM 4, 1961); without the cosine it is a bound.
+FC_HOST_DEVICE inline float crowding_of(const CrowdingSum& sum, FixedPoint fixed) {
+  const auto value = [fixed](std::int64_t s) { return static_cast<float>(s) * fixed.unit; };
+  const float xx = value(sum.xx), yy = value(sum.yy), zz = value(sum.zz);
+  const float xy = value(sum.xy), xz = value(sum.xz), yz = value(sum.yz);
+  const float mean = (xx + yy + zz) * (1.0f / 3.0f);
+  const float a = xx - mean, b = yy - mean, c = zz - mean;
+  const float square = (a * a + b * b + c * c + 2.0f * (xy * xy + xz * xz + yz * yz)) * (1.0f / 6.0f);
+  return mean + 2.0f * square_root(square);
+}
+
+}  // namespace fastcollide

@@ -1,0 +1,57 @@
+// The contact law of the default solver. A contact is one of three things in a substep:
+//   impact   two spheres meet faster than a threshold and are not both held by others: the pair's exact impulse with its
+//            restitution, for one pair of each sphere at a time;
+//   resting  a spring and a damper along the normal, as stiff as a substep allows, cut by the crowding of the two;
+//   waiting  an impact that is not the fastest of both its spheres acts in a later substep.
+// docs/physics.md has the measurements behind each number.
+#pragma once
+
+#include "contact.hpp"
+#include "crowding.hpp"
+
+namespace fastcollide {
+
+struct SoftContactLaw {
+  float substep;          // h [s]
+  float gravity;          // |g| [m/s²]; without gravity there are no resting contacts
+  float impact_speed;     // 3 |g| h: faster approach is an impact; slower is what gravity does in a few substeps [m/s]
+  float full_load_depth;  // 4 |g| h²: a contact this deep counts fully in the crowding [m]
+  float opening_margin;   // surfaces farther apart than this are not looked at [m]
+};
+
+// Of the smaller radius: an overlap that is left alone, so that rounding makes no impulse.
+inline constexpr float slop_in_radii = 1e-4f;
+// Of the smaller radius: an overlap pushes as if it were no deeper.
+inline constexpr float deepest_push_in_radii = 0.3f;
+// Spring: overlap times this per substep becomes separation speed. Damper 1 and spring 1.25 keep linear stability.
+inline constexpr float spring = 1.25f;
+// Push-out speed is capped [m/s]: for two spheres alone, so that an overlap at the start does not explode, and for a pile,
+// where the push carries the load of everything above.
+inline constexpr float fastest_lone_push = 1.0f, fastest_push = 8.0f;
+
+inline SoftContactLaw soft_contact_law(float substep, Vec3 gravity, float largest_radius) {
+  const float strength = length(gravity);
+  return {substep, strength, 3.0f * strength * substep, 4.0f * strength * substep * substep,
+          largest_radius * (1.0f / 32.0f)};
+}
+
+// Contacts come and go as a pile trembles: one that carries nothing still counts three quarters, so that the crowding, and
+// with it every impulse, does not jump.
+FC_HOST_DEVICE inline float load_weight(float depth, const SoftContactLaw& law) {
+  return 0.75f + 0.25f * clamp(depth / law.full_load_depth, 0.0f, 1.0f);
+}
+
+// A heavy neighbour crowds a light sphere more than the other way round.
+FC_HOST_DEVICE inline float mass_weight(float own_mass, float other_mass) {
+  return (other_mass + square_root(own_mass * other_mass)) / (own_mass + other_mass);
+}
+
+// Speed along the normal that a resting contact asks for, before it is shared and cut by the crowding [m/s].
+FC_HOST_DEVICE inline float resting_speed_change(float depth, float normal_velocity, float smaller_radius,
+                                                 float crowding, const SoftContactLaw& law) {
+  float push = smaller(smaller(depth, deepest_push_in_radii * smaller_radius) * (spring / law.substep), fastest_push);
+  if (crowding <= 1.0f) push = smaller(push, fastest_lone_push);
+  return push - normal_velocity;
+}
+
+}  // namespace fastcollide
