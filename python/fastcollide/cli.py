@@ -23,6 +23,7 @@ from fastcollide.menu import show_menu
 from fastcollide.parameters import Parameter
 from fastcollide.positional import ORDER, is_positional, parse_positional
 from fastcollide.report_table import test_and_report
+from fastcollide.selftest import selftest as run_selftest
 from fastcollide.settings import PARAMETERS, QUICK_DEMO, RENDER_PARAMETERS, PictureSettings, RunSettings
 
 
@@ -107,6 +108,13 @@ def render(folder: Path, bounds: Any, **values: Any) -> int:
 def info() -> int:
     """Show this build and the devices of this machine."""
     return print_info()
+
+
+@commands.command()
+@_options({name: PARAMETERS[name] for name in ("device", "threads")})
+def selftest(device: str | None, threads: int | None) -> int:
+    """Check closed forms of mechanics on this machine: expected, found, error, limit."""
+    return run_selftest(device or "auto", threads)
 
 
 @commands.command(hidden=True)

@@ -1,8 +1,9 @@
-// How many contacts push a sphere in the same direction: the factor by which the impulses that all its neighbours find at
-// the same time have to be cut, so that together they do not overshoot.
+// How many contacts push a sphere in the same direction: the factor by which the impulses that all its neighbours find
+// at the same time have to be cut, so that together they do not overshoot.
 //
-// Each contact that carries load adds w n nᵀ to a tensor Q. The largest eigenvalue of Q is the largest number of (weighted)
-// contacts along one direction: 0 in flight, 1 for one contact or two at a right angle, 2 between two plates.
+// Each contact that carries load adds w n nᵀ to a tensor Q. The largest eigenvalue of Q is the largest number of
+// (weighted) contacts along one direction: 0 in flight, 1 for one contact or two at a right angle, 2 between two
+// plates.
 #pragma once
 
 #include "../math.hpp"
@@ -26,8 +27,8 @@ FC_HOST_DEVICE inline void add_contact(CrowdingSum& sum, Vec3 normal, float weig
   add_exactly(sum.yz, weighted.y * normal.z, fixed);
 }
 
-// q + 2 p with q = tr Q / 3, p² = |Q - q I|² / 6: the closed form of the largest eigenvalue of a symmetric 3×3 matrix is
-// q + 2 p cos φ (Smith, "Eigenvalues of a symmetric 3×3 matrix", CACM 4, 1961); without the cosine it is a bound.
+// q + 2 p with q = tr Q / 3, p² = |Q - q I|² / 6: the closed form of the largest eigenvalue of a symmetric 3×3 matrix
+// is q + 2 p cos φ (Smith, "Eigenvalues of a symmetric 3×3 matrix", CACM 4, 1961); without the cosine it is a bound.
 FC_HOST_DEVICE inline float crowding_of(const CrowdingSum& sum, FixedPoint fixed) {
   const auto value = [fixed](std::int64_t s) { return static_cast<float>(s) * fixed.unit; };
   const float xx = value(sum.xx), yy = value(sum.yy), zz = value(sum.zz);

@@ -5,8 +5,8 @@
 
 namespace fastcollide {
 
-// The point of contact, as seen from a sphere: at -normal * arm from its centre. The arms of a pair add up to the distance
-// of the centres, so that the two opposite impulses have no moment about any point: angular momentum is kept.
+// The point of contact, as seen from a sphere: at -normal * arm from its centre. The arms of a pair add up to the
+// distance of the centres, so that the two opposite impulses have no moment about any point: angular momentum is kept.
 struct Slip {
   Vec3 velocity;     // of the first surface over the second, along the contact plane [m/s]
   float resistance;  // slip that a unit of tangential velocity change takes away: 1 without rotation
@@ -18,8 +18,8 @@ FC_HOST_DEVICE inline Slip slip_at(Vec3 relative_velocity, Vec3 normal, Vec3 tur
   return {surface - normal * dot(surface, normal), resistance};
 }
 
-// Change of the relative tangential velocity of the centres: against the slip, at most friction times the normal change,
-// and no more than stops the slip (times `part` <= 1, for a contact that shares its spheres with others).
+// Change of the relative tangential velocity of the centres: against the slip, at most friction times the normal
+// change, and no more than stops the slip (times `part` <= 1, for a contact that shares its spheres with others).
 FC_HOST_DEVICE inline Vec3 friction_change(const Slip& slip, float normal_change, float friction, float part) {
   const float speed = length(slip.velocity);
   const float most = friction * normal_change;

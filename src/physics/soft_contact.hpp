@@ -1,5 +1,6 @@
 // The contact law of the default solver. A contact is one of three things in a substep:
-//   impact   two spheres meet faster than a threshold and are not both held by others: the pair's exact impulse with its
+//   impact   two spheres meet faster than a threshold and are not both held by others: the pair's exact impulse with
+//   its
 //            restitution, for one pair of each sphere at a time;
 //   resting  a spring and a damper along the normal, as stiff as a substep allows, cut by the crowding of the two;
 //   waiting  an impact that is not the fastest of both its spheres acts in a later substep.
@@ -25,8 +26,8 @@ inline constexpr float slop_in_radii = 1e-4f;
 inline constexpr float deepest_push_in_radii = 0.3f;
 // Spring: overlap times this per substep becomes separation speed. Damper 1 and spring 1.25 keep linear stability.
 inline constexpr float spring = 1.25f;
-// Push-out speed is capped [m/s]: for two spheres alone, so that an overlap at the start does not explode, and for a pile,
-// where the push carries the load of everything above.
+// Push-out speed is capped [m/s]: for two spheres alone, so that an overlap at the start does not explode, and for a
+// pile, where the push carries the load of everything above.
 inline constexpr float fastest_lone_push = 1.0f, fastest_push = 8.0f;
 
 inline SoftContactLaw soft_contact_law(float substep, Vec3 gravity, float largest_radius) {
@@ -35,8 +36,8 @@ inline SoftContactLaw soft_contact_law(float substep, Vec3 gravity, float larges
           largest_radius * (1.0f / 32.0f)};
 }
 
-// Contacts come and go as a pile trembles: one that carries nothing still counts three quarters, so that the crowding, and
-// with it every impulse, does not jump.
+// Contacts come and go as a pile trembles: one that carries nothing still counts three quarters, so that the crowding,
+// and with it every impulse, does not jump.
 FC_HOST_DEVICE inline float load_weight(float depth, const SoftContactLaw& law) {
   return 0.75f + 0.25f * clamp(depth / law.full_load_depth, 0.0f, 1.0f);
 }

@@ -15,12 +15,13 @@ namespace fastcollide {
 // What the default solver keeps from stage to stage.
 template <Backend B>
 struct SubstepScratch {
-  explicit SubstepScratch(B& backend) : crowding(backend), next_crowding(backend), velocity_change(backend), turn(backend), pick(backend) {}
+  explicit SubstepScratch(B& backend)
+      : crowding(backend), next_crowding(backend), velocity_change(backend), turn(backend), pick(backend) {}
 
   typename B::template Buffer<float> crowding, next_crowding;  // of each sphere
   typename B::template Buffer<Vec3> velocity_change;           // by resting contacts, of each slot [m/s]
-  typename B::template Buffer<Vec3> turn;  // likewise: change of spin times radius, in a rough world [m/s]
-  typename B::template Buffer<std::uint32_t> pick;             // slot of its impact partner, of each slot
+  typename B::template Buffer<Vec3> turn;           // likewise: change of spin times radius, in a rough world [m/s]
+  typename B::template Buffer<std::uint32_t> pick;  // slot of its impact partner, of each slot
 };
 
 inline constexpr std::uint32_t no_pick = ~std::uint32_t(0);
@@ -141,8 +142,8 @@ struct GatherContacts {
       const bool is_fast = approach < -law.impact_speed;
       const bool both_held = own_crowding > 0.0f && other_crowding > 0.0f;
       if (is_fast && (law.gravity == 0.0f || !both_held)) {
-        const bool is_first = approach < fastest.normal_velocity ||
-                              (approach == fastest.normal_velocity && neighbor.id < fastest.id);
+        const bool is_first =
+            approach < fastest.normal_velocity || (approach == fastest.normal_velocity && neighbor.id < fastest.id);
         if (is_first) fastest = {approach, static_cast<std::uint32_t>(other), neighbor.id};
       }
       if (law.gravity == 0.0f || (is_fast && crowding_here == 0.0f)) return;
@@ -170,12 +171,14 @@ struct GatherContacts {
       const float closing = depth / law.substep - approach;  // > 0: in touch at the end of the substep
       if (depth <= 0.0f && closing <= 0.0f) return;
       add_contact(crowd, normal, load_weight(larger(depth, 0.0f), law), fixed);
-      const float push = smaller(smaller(depth, deepest_push_in_radii * self.radius) * (spring / law.substep), fastest_push);
+      const float push =
+          smaller(smaller(depth, deepest_push_in_radii * self.radius) * (spring / law.substep), fastest_push);
       const float part = 1.0f / larger(1.0f, own_crowding);
       const float speed = (depth > 0.0f ? push - approach : closing) * part;
       in_range = add_exactly(change, normal * speed, velocity_fixed) && in_range;
       if (wall_friction > 0.0f && speed > 0.0f) {
-        const Rub rub = rub_wall(self.radius, spin, grid.spins != nullptr, self.velocity, normal, speed, wall_friction, part);
+        const Rub rub =
+            rub_wall(self.radius, spin, grid.spins != nullptr, self.velocity, normal, speed, wall_friction, part);
         in_range = add_exactly(change, rub.velocity, velocity_fixed) && in_range;
         in_range = add_exactly(turned, rub.turn, velocity_fixed) && in_range;
       }
@@ -245,8 +248,8 @@ struct ApplyContacts {
     return turn == nullptr ? Vec3{0, 0, 0} : grid.spins[slot] + turn[slot] * (1.0f / radius);
   }
 
-  // The pair's impulse gives the normal velocity -e times that of the approach, whatever resting contacts did meanwhile.
-  // Two spheres that nothing else touches get it at the very time of touching.
+  // The pair's impulse gives the normal velocity -e times that of the approach, whatever resting contacts did
+  // meanwhile. Two spheres that nothing else touches get it at the very time of touching.
   FC_HOST_DEVICE void collide(std::int64_t slot, std::int64_t partner, Vec3& position, Vec3& velocity,
                               Vec3& spin) const {
     const Sphere self = sphere_in_slot(grid, slot), other = sphere_in_slot(grid, partner);
@@ -312,9 +315,7 @@ struct AddGravity {
   float damping;
   Vec3* velocities;
 
-  FC_HOST_DEVICE void operator()(std::int64_t i) const {
-    velocities[i] = (velocities[i] + velocity_gain) * damping;
-  }
+  FC_HOST_DEVICE void operator()(std::int64_t i) const { velocities[i] = (velocities[i] + velocity_gain) * damping; }
 };
 
 template <Backend B>
@@ -349,11 +350,10 @@ template <Backend B>
 void apply_contacts(B& backend, const SoftContactLaw& law, const Box& box, Vec3 gravity, const WallMaterial& wall,
                     std::uint32_t frame, const Grid<B>& grid, Bodies<B>& bodies, SubstepScratch<B>& scratch,
                     std::uint64_t* first_fault) {
-  backend.for_each(
-      bodies.count(),
-      ApplyContacts{law, box, gravity, wall, frame, view_of(grid), bodies.frictions.data(), scratch.crowding.data(),
-                    scratch.velocity_change.data(), scratch.turn.data(), scratch.pick.data(), bodies.positions.data(),
-                    bodies.velocities.data(), bodies.spins.data(), first_fault});
+  backend.for_each(bodies.count(), ApplyContacts{law, box, gravity, wall, frame, view_of(grid), bodies.frictions.data(),
+                                                 scratch.crowding.data(), scratch.velocity_change.data(),
+                                                 scratch.turn.data(), scratch.pick.data(), bodies.positions.data(),
+                                                 bodies.velocities.data(), bodies.spins.data(), first_fault});
   std::swap(scratch.crowding, scratch.next_crowding);
 }
 

@@ -74,7 +74,9 @@ def test_an_oblique_impact_of_equals(device, iterations, gravity):
 def test_an_impact_takes_place_at_its_time(device, iterations):
     """m 1, v 2 and m 3, v -1 meet at t = 1/3 s, and leave from there with -2.5 and 0.5."""
     world = world_of(device, iterations=iterations)
-    world.add(position=[(-1, 0, 0), (1, 0, 0)], velocity=[(2, 0, 0), (-1, 0, 0)], radius=0.5, mass=[1, 3], restitution=1)
+    world.add(
+        position=[(-1, 0, 0), (1, 0, 0)], velocity=[(2, 0, 0), (-1, 0, 0)], radius=0.5, mass=[1, 3], restitution=1
+    )
     world.step(60, DT)
 
     np.testing.assert_allclose(velocities_of(world), [(-2.5, 0, 0), (0.5, 0, 0)], atol=1e-6)
