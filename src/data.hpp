@@ -3,6 +3,7 @@
 
 #include "backend/concept.hpp"
 #include "physics/cell.hpp"
+#include "physics/contact.hpp"
 
 namespace fastcollide {
 
@@ -98,6 +99,11 @@ GridView view_of(const Grid<B>& grid) {
           grid.velocity_restitution.data(),
           grid.masses.data(),
           grid.spins.data()};
+}
+
+FC_HOST_DEVICE inline Sphere sphere_in_slot(const GridView& grid, std::int64_t slot) {
+  const Vec4 a = grid.position_radius[slot], b = grid.velocity_restitution[slot];
+  return {{a.x, a.y, a.z}, a.w, {b.x, b.y, b.z}, b.w, grid.masses[slot], grid.ids[slot]};
 }
 
 // Calls visit(other) for each other slot in the 27 cells around the position.

@@ -4,9 +4,11 @@
 #include "fastcollide/world.hpp"
 #include "stage_timer.hpp"
 #include "stages/advance.hpp"
+#include "stages/apply_contacts.hpp"
 #include "stages/build_grid.hpp"
+#include "stages/gather_contacts.hpp"
+#include "stages/measure_crowding.hpp"
 #include "stages/solve_contacts.hpp"
-#include "stages/substep_contacts.hpp"
 
 namespace fastcollide {
 

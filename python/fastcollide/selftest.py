@@ -179,7 +179,9 @@ def _bounces(new_world: NewWorld) -> Iterator[Check]:
         below = (z, v)
     for bounce, peak in enumerate(peaks[:3], start=1):
         expected = 0.8 ** (2 * bounce)
-        yield Check("bounces from 1 m, e = 0.8" if bounce == 1 else "", f"peak {bounce} [m]", expected, peak, expected / 100)
+        yield Check(
+            "bounces from 1 m, e = 0.8" if bounce == 1 else "", f"peak {bounce} [m]", expected, peak, expected / 100
+        )
 
 
 def _slide_to_roll(new_world: NewWorld) -> Iterator[Check]:

@@ -14,6 +14,16 @@ struct Sphere {
   std::uint32_t id;
 };
 
+struct PairGeometry {
+  ContactGeometry contact;
+  float normal_velocity;  // < 0: approaching [m/s]
+};
+
+FC_HOST_DEVICE inline PairGeometry pair_geometry(const Sphere& a, const Sphere& b, Vec3 period) {
+  const ContactGeometry contact = contact_geometry(a.position, a.radius, a.id, b.position, b.radius, b.id, period);
+  return {contact, dot(a.velocity - b.velocity, contact.normal)};
+}
+
 struct ContactChange {
   Vec3 position;  // [m]
   Vec3 velocity;  // [m/s]

@@ -1,7 +1,7 @@
 // Coulomb friction at a contact point, for spheres that turn and for such that only slide.
 #pragma once
 
-#include "../math.hpp"
+#include "contact.hpp"
 
 namespace fastcollide {
 
@@ -31,5 +31,36 @@ FC_HOST_DEVICE inline Vec3 friction_change(const Slip& slip, float normal_change
 // A solid sphere, I = 2/5 m r²: a tangential velocity change dv through a contact at arm a = s r changes its spin by
 // 5/2 s (dv × n) / r, and with it the slip by 1 + 5/2 s² times dv.
 FC_HOST_DEVICE inline float rolling_resistance_to_slip(float s) { return 1.0f + 2.5f * s * s; }
+
+// The more slippery of two materials decides, as the more dissipative does for the restitution.
+FC_HOST_DEVICE inline float pair_friction(const float* frictions, std::uint32_t a, std::uint32_t b) {
+  return frictions == nullptr ? 0.0f : smaller(frictions[a], frictions[b]);
+}
+
+// What friction does to one sphere at a contact.
+struct Rub {
+  Vec3 velocity;  // change of its velocity [m/s]
+  Vec3 turn;      // change of its spin times its radius [m/s]
+};
+
+// normal_change: of the relative velocity along the normal, by the contact; share: of this sphere in relative changes.
+FC_HOST_DEVICE inline Rub rub_pair(const Sphere& a, const Sphere& b, Vec3 spin_a, Vec3 spin_b, Vec3 relative_velocity,
+                                   const ContactGeometry& contact, float normal_change, float friction, float part) {
+  const float reach = a.radius + b.radius, s = (reach - contact.depth) / reach;
+  const Vec3 turning = (spin_a * a.radius + spin_b * b.radius) * s;
+  const Slip slip = slip_at(relative_velocity, contact.normal, turning, rolling_resistance_to_slip(s));
+  const float share = b.mass / (a.mass + b.mass);
+  const Vec3 change = friction_change(slip, normal_change, friction, part) * share;
+  return {change, cross(change, contact.normal) * (2.5f * s)};
+}
+
+// A wall rubs a sphere that does not turn (in a world without spins) or that does.
+FC_HOST_DEVICE inline Rub rub_wall(float radius, Vec3 spin, bool can_turn, Vec3 velocity, Vec3 normal,
+                                   float normal_change, float friction, float part) {
+  const Vec3 turning = can_turn ? spin * radius : Vec3{0, 0, 0};
+  const Slip slip = slip_at(velocity, normal, turning, can_turn ? rolling_resistance_to_slip(1.0f) : 1.0f);
+  const Vec3 change = friction_change(slip, normal_change, friction, part);
+  return {change, cross(change, normal) * (can_turn ? 2.5f : 0.0f)};
+}
 
 }  // namespace fastcollide

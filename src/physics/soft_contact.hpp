@@ -26,6 +26,8 @@ inline constexpr float slop_in_radii = 1e-4f;
 inline constexpr float deepest_push_in_radii = 0.3f;
 // Spring: overlap times this per substep becomes separation speed. Damper 1 and spring 1.25 keep linear stability.
 inline constexpr float spring = 1.25f;
+// (1 + sqrt 2) / 2, the largest mass_weight, and a little for rounding.
+inline constexpr float most_crowding_of_one_contact = 1.2072f;
 // Push-out speed is capped [m/s]: for two spheres alone, so that an overlap at the start does not explode, and for a
 // pile, where the push carries the load of everything above.
 inline constexpr float fastest_lone_push = 1.0f, fastest_push = 8.0f;
@@ -51,7 +53,7 @@ FC_HOST_DEVICE inline float mass_weight(float own_mass, float other_mass) {
 FC_HOST_DEVICE inline float resting_speed_change(float depth, float normal_velocity, float smaller_radius,
                                                  float crowding, const SoftContactLaw& law) {
   float push = smaller(smaller(depth, deepest_push_in_radii * smaller_radius) * (spring / law.substep), fastest_push);
-  if (crowding <= 1.0f) push = smaller(push, fastest_lone_push);
+  if (crowding <= most_crowding_of_one_contact) push = smaller(push, fastest_lone_push);
   return push - normal_velocity;
 }
 

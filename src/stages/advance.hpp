@@ -42,4 +42,18 @@ void advance(B& backend, const Flight& flight, const Box& box, const WallMateria
                                            bodies.positions.data(), bodies.velocities.data(), first_fault});
 }
 
+// The default solver moves spheres when it applies their contacts; gravity comes first.
+struct AddGravity {
+  Vec3 velocity_gain;
+  float damping;
+  Vec3* velocities;
+
+  FC_HOST_DEVICE void operator()(std::int64_t i) const { velocities[i] = (velocities[i] + velocity_gain) * damping; }
+};
+
+template <Backend B>
+void add_gravity(B& backend, const Flight& flight, Bodies<B>& bodies) {
+  backend.for_each(bodies.count(), AddGravity{flight.velocity_gain, flight.damping, bodies.velocities.data()});
+}
+
 }  // namespace fastcollide

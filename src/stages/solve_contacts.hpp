@@ -2,7 +2,6 @@
 #pragma once
 
 #include "../data.hpp"
-#include "../physics/contact.hpp"
 #include "../physics/wall.hpp"
 
 namespace fastcollide {
@@ -16,11 +15,6 @@ struct SolverScales {
 // any speed at which a frame still means something.
 inline SolverScales solver_scales(float largest_radius, float dt) {
   return {fixed_point_for(2.0f * largest_radius), fixed_point_for(512.0f * largest_radius / dt)};
-}
-
-FC_HOST_DEVICE inline Sphere sphere_in_slot(const GridView& grid, std::int64_t slot) {
-  const Vec4 a = grid.position_radius[slot], b = grid.velocity_restitution[slot];
-  return {{a.x, a.y, a.z}, a.w, {b.x, b.y, b.z}, b.w, grid.masses[slot], grid.ids[slot]};
 }
 
 struct SolveContacts {

@@ -26,8 +26,8 @@ def crowd():
 
 
 def elastic_gas(count, fraction, seed=1):
-    """Hard spheres of diameter and mass 1 and kT = 1 on a lattice in a periodic box of which they fill a fraction. Their
-    velocities make no momentum."""
+    """Hard spheres of diameter and mass 1 and kT = 1, without momentum, on a lattice in a periodic box. They fill a
+    fraction of it."""
     edge = (count * np.pi / 6 / fraction) ** (1 / 3)
     cells = int(np.ceil((count / 4) ** (1 / 3)))
     corners = np.stack(np.meshgrid(*[np.arange(cells)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)

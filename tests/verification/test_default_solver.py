@@ -197,7 +197,7 @@ def test_a_wall_reverses_at_the_time_of_touching(device, axis, side):
 def test_bounces_of_a_ball_that_comes_to_rest(device):
     """From h = 1 m with e = 0.8: h e², h e⁴, h e⁶, at rest after √(2h/g) (1 + e)/(1 - e) = 4.0637 s.
 
-    An approach slower than three substeps of gravity is no impact any more, so that a ball comes to rest a little early:
+    An approach slower than three substeps of gravity is no impact any more, and the ball comes to rest a little early:
     the total time needs dt = 1/240 s to be right to 1 %; at 1/60 s it is 1.6 % short.
     """
     rests_at = {}

@@ -1,0 +1,47 @@
+// How crowded each sphere is at the start of a frame.
+#pragma once
+
+#include "substep_scratch.hpp"
+
+namespace fastcollide {
+
+struct MeasureCrowding {
+  SoftContactLaw law;
+  FixedPoint fixed;
+  Box box;
+  GridView grid;
+  float* crowding;
+
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const {
+    const Sphere self = sphere_in_slot(grid, slot);
+    CrowdingSum sum;
+    auto visit = [&](std::int64_t other) {
+      if (!is_near(self, grid, other, law.opening_margin)) return;
+      const Sphere neighbor = sphere_in_slot(grid, other);
+      const PairGeometry pair = pair_geometry(self, neighbor, grid.period);
+      if (pair.contact.depth <= 0.0f || pair.normal_velocity < -law.impact_speed) return;
+      const float weight = mass_weight(self.mass, neighbor.mass) * load_weight(pair.contact.depth, law);
+      add_contact(sum, pair.contact.normal, weight, fixed);
+    };
+    visit_neighbor_cells(grid, slot, self.position, visit);
+    auto visit_wall = [&](Vec3 normal, float depth, bool) {
+      if (depth <= 0.0f || dot(self.velocity, normal) < -law.impact_speed) return;
+      add_contact(sum, normal, load_weight(depth, law), fixed);
+    };
+    visit_walls(self.position, self.radius, box, visit_wall);
+    crowding[self.id] = crowding_of(sum, fixed);
+  }
+};
+
+template <Backend B>
+void measure_crowding(B& backend, const SoftContactLaw& law, const Box& box, const Grid<B>& grid,
+                      SubstepScratch<B>& scratch) {
+  const std::int64_t count = grid.ids.size();
+  for (auto* buffer : {&scratch.crowding, &scratch.next_crowding}) buffer->resize(count);
+  scratch.velocity_change.resize(count);
+  scratch.pick.resize(count);
+  if (law.gravity == 0.0f) return backend.fill_zero(scratch.crowding.data(), count);
+  backend.for_each(count, MeasureCrowding{law, crowding_scale(), box, view_of(grid), scratch.crowding.data()});
+}
+
+}  // namespace fastcollide
