@@ -178,10 +178,9 @@ def _bounces(new_world: NewWorld) -> Iterator[Check]:
             peaks.append(below[0] + below[1] ** 2 / (2 * STANDARD))
         below = (z, v)
     for bounce, peak in enumerate(peaks[:3], start=1):
+        case = "bounces from 1 m, e = 0.8" if bounce == 1 else ""
         expected = 0.8 ** (2 * bounce)
-        yield Check(
-            "bounces from 1 m, e = 0.8" if bounce == 1 else "", f"peak {bounce} [m]", expected, peak, expected / 100
-        )
+        yield Check(case, f"peak {bounce} [m]", expected, peak, expected / 100)
 
 
 def _slide_to_roll(new_world: NewWorld) -> Iterator[Check]:

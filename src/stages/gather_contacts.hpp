@@ -81,7 +81,8 @@ struct GatherContacts {
       if (depth <= 0.0f && closing <= 0.0f) return;
       add_contact(crowd, normal, load_weight(larger(depth, 0.0f), law), fixed);
       const float part = 1.0f / larger(1.0f, own_crowding);
-      const float speed = (depth > 0.0f ? resting_speed_change(depth, approach, self.radius, own_crowding, law) : closing) * part;
+      const float speed =
+          (depth > 0.0f ? resting_speed_change(depth, approach, self.radius, own_crowding, law) : closing) * part;
       in_range = add_exactly(change, normal * speed, velocity_fixed) && in_range;
       if (wall_friction > 0.0f && speed > 0.0f) {
         const Rub rub =
