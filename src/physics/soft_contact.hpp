@@ -22,8 +22,10 @@ struct SoftContactLaw {
 
 // Of the smaller radius: an overlap that is left alone, so that rounding makes no impulse.
 inline constexpr float slop_in_radii = 1e-4f;
-// Of the smaller radius: an overlap pushes as if it were no deeper.
-inline constexpr float deepest_push_in_radii = 0.3f;
+// Of the smaller radius: an overlap pushes as if it were no deeper. Less (0.15) keeps a column of 28 from settling;
+// more (0.3) shoots out small spheres that large ones pinch, and six piles of 800 kept moving at 0.008 to 0.058 m/s,
+// not 0.008 to 0.024.
+inline constexpr float deepest_push_in_radii = 0.2f;
 // Spring: overlap times this per substep becomes separation speed. Damper 1 and spring 1.25 keep linear stability.
 inline constexpr float spring = 1.25f;
 // (1 + sqrt 2) / 2, the largest mass_weight, and a little for rounding.
