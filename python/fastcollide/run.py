@@ -5,7 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 import fastcollide as fc
 from fastcollide.frames import frame_path, remove_frames, write_frame
@@ -50,6 +52,7 @@ def create_world(settings: RunSettings) -> fc.World:
     drag = fc.drag_from_damping(settings.damping, settings.fps) if settings.drag is None else settings.drag
     world = fc.World(
         bounds=settings.corners,
+        boundary=settings.boundary,
         gravity=(0.0, 0.0, settings.gravity),
         drag=drag,
         floor_restitution=settings.floor_restitution,
@@ -60,17 +63,18 @@ def create_world(settings: RunSettings) -> fc.World:
         device=settings.device,
         threads=settings.threads,
     )
-    world.add(
-        fc.random_spheres(
-            settings.particles,
-            bounds=settings.corners,
-            seed=settings.seed,
-            radius=settings.radius,
-            speed=settings.speed,
-            restitution=settings.restitution,
-            density=settings.density,
-        )
+    spheres = fc.random_spheres(
+        settings.particles,
+        bounds=settings.corners,
+        seed=settings.seed,
+        radius=settings.radius,
+        speed=settings.speed,
+        restitution=settings.restitution,
+        density=settings.density,
     )
+    if settings.friction > 0:
+        spheres = replace(spheres, friction=np.full(len(spheres), settings.friction, dtype=np.float32))
+    world.add(spheres)
     return world
 
 

@@ -127,6 +127,10 @@ class RunSettings(PictureSettings):
             value_names=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
         ),
     )
+    boundary: str = field(
+        default="wall",
+        metadata=_about(Choice(("wall", "periodic", "open")), "What happens at the ends of the box, along all axes."),
+    )
     seed: int = field(
         default=1, metadata=_about(Whole(0, 2**64 - 1), "Number of the random start; the same one gives the same run.")
     )
@@ -148,6 +152,10 @@ class RunSettings(PictureSettings):
     restitution: tuple[float, float] = field(
         default=(0.3, 0.95),
         metadata=_about(Real(0, 1), "Smallest and largest restitution of the spheres.", value_names=("MIN", "MAX")),
+    )
+    friction: float = field(
+        default=0.0,
+        metadata=_about(Real(0, 100), "Coulomb friction coefficient of the spheres; the reference solver has none."),
     )
     density: float = field(
         default=1000.0,

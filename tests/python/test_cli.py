@@ -102,6 +102,18 @@ def test_fps_is_the_length_of_a_frame(program):
     assert read_frame(frame_paths("output")[-1]).time == pytest.approx(12 / 30)
 
 
+def test_friction_and_boundary_reach_the_world():
+    plain = create_world(replace(RunSettings(), particles=50))
+    changed = create_world(replace(RunSettings(), particles=50, friction=0.25, boundary="periodic"))
+    assert fc.to_numpy(changed.frictions).tolist() == [0.25] * 50
+    assert fc.to_numpy(plain.frictions).tolist() == [0.0] * 50
+    for world in (plain, changed):
+        world.step(60)
+    lowest = [fc.to_numpy(world.positions).min(axis=0) for world in (plain, changed)]
+    assert (lowest[0][:2] > -9.96).all()  # a wall holds even the smallest sphere back by most of its radius
+    assert (lowest[1][:2] < -9.96).any()  # a periodic end does not
+
+
 def test_the_summary_tells_the_state(program):
     code, output, _ = program("run", *SMALL, *NO_FILES)
 
@@ -189,6 +201,8 @@ BAD_OPTIONS = [
     ("drag", ["-1"]),
     ("floor_restitution", ["1.01"]),
     ("wall_friction", ["-0.1"]),
+    ("friction", ["-0.1"]),
+    ("boundary", ["closed"]),
     ("bounds", ["0", "0", "0", "1", "1", "0"]),
     ("bounds", ["0", "0", "0", "1", "1", "inf"]),
     ("seed", ["-1"]),
