@@ -56,7 +56,8 @@ class World:
     floor_restitution: 0 to 1, of the lower z wall (the other five walls use the sphere's own); wall_friction: Coulomb
     coefficient of all walls; solver: "reference"; iterations: contact passes a frame; cell_size: edge of a grid cell
     [m], at least the largest diameter (None: as small as that allows; no result depends on it); device: "cpu", "cuda",
-    "cuda:N" or "auto" (a GPU if there is one, see `device`); threads: of the CPU (None: all).
+    "cuda:N" or "auto" (a GPU if there is one, see `device`); threads: of the CPU (None: all);
+    block_size: of CUDA launches, a multiple of 32 up to 512.
 
     The state after k frames is a function of the scene alone: the same bits on every device, at any number of threads.
 

@@ -33,9 +33,7 @@ FC_HOST_DEVICE inline Vec3 friction_change(const Slip& slip, float normal_change
 FC_HOST_DEVICE inline float rolling_resistance_to_slip(float s) { return 1.0f + 2.5f * s * s; }
 
 // The more slippery of two materials decides, as the more dissipative does for the restitution.
-FC_HOST_DEVICE inline float pair_friction(const float* frictions, std::uint32_t a, std::uint32_t b) {
-  return frictions == nullptr ? 0.0f : smaller(frictions[a], frictions[b]);
-}
+FC_HOST_DEVICE inline float pair_friction(float a, float b) { return smaller(a, b); }
 
 // What friction does to one sphere at a contact.
 struct Rub {

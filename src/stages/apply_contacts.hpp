@@ -3,7 +3,6 @@
 
 #include <utility>
 
-#include "../physics/friction.hpp"
 #include "substep_scratch.hpp"
 
 namespace fastcollide {
@@ -92,7 +91,7 @@ struct ApplyContacts {
     const float impulse = larger(bounce - dot(relative_now, contact.normal), 0.0f);
     const float share = other.mass / (self.mass + other.mass);
     Vec3 change = contact.normal * (impulse * share);
-    if (const float friction = pair_friction(frictions, self.id, other.id); friction > 0.0f) {
+    if (const float friction = friction_between(frictions, self.id, other.id); friction > 0.0f) {
       const Rub rub = rub_pair(self, other, spin, spin_after_resting(partner, other.radius), relative_now, contact,
                                impulse, friction, 1.0f);
       change = change + rub.velocity;

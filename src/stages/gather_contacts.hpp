@@ -1,7 +1,6 @@
 // What all contacts of a substep do to each sphere, and whom it hits.
 #pragma once
 
-#include "../physics/friction.hpp"
 #include "substep_scratch.hpp"
 
 namespace fastcollide {
@@ -61,7 +60,7 @@ struct GatherContacts {
       const float speed = resting_speed_change(pushed_depth, approach, smaller_radius, crowding_here, law);
       const float part = 1.0f / larger(1.0f, crowding_here);
       in_range = add_exactly(change, pair.contact.normal * (speed * part * share), velocity_fixed) && in_range;
-      if (const float friction = pair_friction(frictions, self.id, neighbor.id); friction > 0.0f && speed > 0.0f) {
+      if (const float friction = friction_between(frictions, self.id, neighbor.id); friction > 0.0f && speed > 0.0f) {
         const Rub rub = rub_pair(self, neighbor, spin, grid.spins[other], self.velocity - neighbor.velocity,
                                  pair.contact, speed * part, friction, part);
         in_range = add_exactly(change, rub.velocity, velocity_fixed) && in_range;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "../data.hpp"
+#include "../physics/friction.hpp"
 #include "../physics/soft_contact.hpp"
 #include "../physics/wall.hpp"
 
@@ -27,6 +28,11 @@ FC_HOST_DEVICE inline bool is_near(const Sphere& self, const GridView& grid, std
   const Vec3 offset = separation(self.position, {there.x, there.y, there.z}, grid.period);
   const float reach = self.radius + there.w + margin;
   return dot(offset, offset) <= reach * reach;
+}
+
+// A world without friction has no array of it.
+FC_HOST_DEVICE inline float friction_between(const float* frictions, std::uint32_t a, std::uint32_t b) {
+  return frictions == nullptr ? 0.0f : pair_friction(frictions[a], frictions[b]);
 }
 
 }  // namespace fastcollide

@@ -12,7 +12,12 @@ def array_of(array):
 
 
 def above_floor(device, **options):
-    defaults = {"bounds": ((-100, -100, 0), (100, 100, 20)), "gravity": (0, 0, -G), "drag": 0.0, "floor_restitution": 0.0}
+    defaults = {
+        "bounds": ((-100, -100, 0), (100, 100, 20)),
+        "gravity": (0, 0, -G),
+        "drag": 0.0,
+        "floor_restitution": 0.0,
+    }
     return fc.World(device=device, **{**defaults, **options})
 
 
@@ -66,7 +71,9 @@ def test_a_slide_without_rotation_stops(device):
 def test_oblique_impact_on_a_plane(device, degrees, tangential, spin):
     """Chung and Ooi, benchmark tests for DEM at the contact level, test 4: r 2.5 mm, 3.9 m/s, e 0.98, μ 0.092."""
     angle, speed, radius = np.radians(degrees), 3.9, 0.0025
-    world = above_floor(device, bounds=((-1, -1, 0), (1, 1, 1)), gravity=(0, 0, 0), floor_restitution=0.98, wall_friction=0.092)
+    world = above_floor(
+        device, bounds=((-1, -1, 0), (1, 1, 1)), gravity=(0, 0, 0), floor_restitution=0.98, wall_friction=0.092
+    )
     world.add(
         position=(0, 0, 2 * radius),
         radius=radius,
