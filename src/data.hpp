@@ -61,7 +61,9 @@ struct Grid {
         position_radius(backend),
         velocity_restitution(backend),
         masses(backend),
-        spins(backend) {}
+        crowding(backend),
+        spins(backend),
+        frictions(backend) {}
 
   GridShape shape{};
   Vec3 period{};
@@ -70,7 +72,10 @@ struct Grid {
   typename B::template Buffer<std::uint32_t> cell_start, cell_end;  // slots of each cell: [start, end)
   typename B::template Buffer<Vec4> position_radius, velocity_restitution;
   typename B::template Buffer<float> masses;
-  typename B::template Buffer<Vec3> spins;  // of a rough world
+  typename B::template Buffer<float> crowding;  // for the default solver
+  // Of a rough world:
+  typename B::template Buffer<Vec3> spins;
+  typename B::template Buffer<float> frictions;
 };
 
 // The slots as a stage reads them.
@@ -84,7 +89,9 @@ struct GridView {
   const Vec4* position_radius;
   const Vec4* velocity_restitution;
   const float* masses;
-  const Vec3* spins;  // or null
+  const float* crowding;
+  const Vec3* spins;       // or null
+  const float* frictions;  // or null
 };
 
 template <Backend B>
@@ -98,34 +105,14 @@ GridView view_of(const Grid<B>& grid) {
           grid.position_radius.data(),
           grid.velocity_restitution.data(),
           grid.masses.data(),
-          grid.spins.data()};
+          grid.crowding.data(),
+          grid.spins.data(),
+          grid.frictions.data()};
 }
 
 FC_HOST_DEVICE inline Sphere sphere_in_slot(const GridView& grid, std::int64_t slot) {
   const Vec4 a = grid.position_radius[slot], b = grid.velocity_restitution[slot];
   return {{a.x, a.y, a.z}, a.w, {b.x, b.y, b.z}, b.w, grid.masses[slot], grid.ids[slot]};
-}
-
-// Calls visit(other) for each other slot in the 27 cells around the position.
-template <class Visit>
-FC_HOST_DEVICE inline void visit_neighbor_cells(const GridView& grid, std::int64_t slot, Vec3 position, Visit& visit) {
-  const GridShape& shape = grid.shape;
-  const Vec3i center = cell_of(position, shape);
-  const CellRange xs = adjacent_cells(center.x, shape.x);
-  const CellRange ys = adjacent_cells(center.y, shape.y);
-  const CellRange zs = adjacent_cells(center.z, shape.z);
-  for (int k = 0; k < zs.count; ++k) {
-    for (int j = 0; j < ys.count; ++j) {
-      for (int i = 0; i < xs.count; ++i) {
-        const std::uint32_t cell = cell_hash(
-            {cell_in_range(xs, i, shape.x), cell_in_range(ys, j, shape.y), cell_in_range(zs, k, shape.z)}, shape);
-        const std::uint32_t end = grid.cell_end[cell];
-        for (std::uint32_t other = grid.cell_start[cell]; other < end; ++other) {
-          if (other != slot) visit(other);
-        }
-      }
-    }
-  }
 }
 
 // Overlapping pairs, first < second, sorted by (first, second).

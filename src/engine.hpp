@@ -104,22 +104,13 @@ class EngineOn final : public Engine {
       if (!spheres.friction.empty()) write(bodies_.frictions, spheres.friction, 1);
     }
     backend_.synchronize();
+    is_crowding_known_ = false;
   }
 
   std::int64_t step(std::int64_t frames, double dt, const std::function<bool()>& go_on) override {
     shape_grid();
-    const bool has_substeps = options_.solver == Solver::substep;
-    const double flight_time = has_substeps ? dt / options_.iterations : dt;
-    const Vec3 gravity = vector_of(options_.gravity);
-    FrameParameters parameters{options_.solver,
-                               flight_for(flight_time, gravity, options_.drag),
-                               gravity,
-                               box(),
-                               {options_.floor_restitution, options_.wall_friction},
-                               options_.iterations,
-                               solver_scales(largest_radius_, static_cast<float>(dt)),
-                               soft_contact_law(static_cast<float>(flight_time), gravity, largest_radius_),
-                               0};
+    FrameParameters parameters = frame_parameters(dt);
+    if (options_.solver == Solver::substep && !is_crowding_known_) find_crowding(parameters.substep);
     for (std::int64_t done = 0; done < frames;) {
       if (go_on && !go_on()) return done;
       // Few enough frames that a fault is told and a wish to stop is heard soon; enough that a GPU is not kept waiting.
@@ -204,6 +195,28 @@ class EngineOn final : public Engine {
   }
 
  private:
+  FrameParameters frame_parameters(double dt) const {
+    const double flight_time = options_.solver == Solver::substep ? dt / options_.iterations : dt;
+    const Vec3 gravity = vector_of(options_.gravity);
+    const SolverScales scales = solver_scales(largest_radius_, static_cast<float>(dt));
+    return {options_.solver,
+            options_.iterations,
+            scales,
+            {soft_contact_law(static_cast<float>(flight_time), gravity, largest_radius_),
+             flight_for(flight_time, gravity, options_.drag),
+             gravity,
+             box(),
+             {options_.floor_restitution, options_.wall_friction},
+             scales.velocity,
+             0}};
+  }
+
+  void find_crowding(const Substep& substep) {
+    build_grid(backend_, bodies_, nullptr, scratch_.grid);
+    measure_crowding(backend_, substep.law, box(), scratch_.grid, scratch_.substep);
+    is_crowding_known_ = true;
+  }
+
   void make_rough() {
     if (bodies_.is_rough) return;
     bodies_.spins.resize(count());
@@ -235,7 +248,7 @@ class EngineOn final : public Engine {
 
   void update_grid() {
     shape_grid();
-    build_grid(backend_, bodies_, scratch_.grid);
+    build_grid(backend_, bodies_, nullptr, scratch_.grid);
   }
 
   void refuse(std::int64_t id, Field field) {
@@ -249,7 +262,7 @@ class EngineOn final : public Engine {
   void run_frames(std::int64_t frames, FrameParameters parameters) {
     backend_.copy_to_device(scratch_.first_fault.data(), &no_fault, 1);
     for (std::int64_t i = 0; i < frames; ++i) {
-      parameters.frame = static_cast<std::uint32_t>(i);
+      parameters.substep.frame = static_cast<std::uint32_t>(i);
       simulate_frame(backend_, parameters, bodies_, scratch_, timer);
     }
   }
@@ -265,23 +278,33 @@ class EngineOn final : public Engine {
     kept_velocities_.resize(count());
     backend_.copy(kept_positions_.data(), std::as_const(bodies_.positions).data(), count());
     backend_.copy(kept_velocities_.data(), std::as_const(bodies_.velocities).data(), count());
-    if (!bodies_.is_rough) return;
-    kept_spins_.resize(count());
-    backend_.copy(kept_spins_.data(), std::as_const(bodies_.spins).data(), count());
+    if (bodies_.is_rough) {
+      kept_spins_.resize(count());
+      backend_.copy(kept_spins_.data(), std::as_const(bodies_.spins).data(), count());
+    }
+    if (options_.solver == Solver::substep) {
+      kept_crowding_.resize(count());
+      backend_.copy(kept_crowding_.data(), std::as_const(scratch_.substep.crowding).data(), count());
+    }
   }
   void restore_state() {
     backend_.copy(bodies_.positions.data(), std::as_const(kept_positions_).data(), count());
     backend_.copy(bodies_.velocities.data(), std::as_const(kept_velocities_).data(), count());
     if (bodies_.is_rough) backend_.copy(bodies_.spins.data(), std::as_const(kept_spins_).data(), count());
+    if (options_.solver == Solver::substep) {
+      backend_.copy(scratch_.substep.crowding.data(), std::as_const(kept_crowding_).data(), count());
+    }
   }
 
   WorldOptions options_;
   B backend_;
   Bodies<B> bodies_{backend_};
   Scratch<B> scratch_{backend_};
-  typename B::template Buffer<Vec3> kept_positions_{backend_}, kept_velocities_{backend_},
-      kept_spins_{backend_};  // before unchecked frames
+  // Before unchecked frames:
+  typename B::template Buffer<Vec3> kept_positions_{backend_}, kept_velocities_{backend_}, kept_spins_{backend_};
+  typename B::template Buffer<float> kept_crowding_{backend_};
   float largest_radius_ = 0;
+  bool is_crowding_known_ = false;
 };
 
 }  // namespace fastcollide

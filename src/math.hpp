@@ -109,7 +109,7 @@ FC_HOST_DEVICE inline void atomic_min(std::uint64_t* target, std::uint64_t value
 // A term may be as large as `range` and a sum may have `max_terms` of them; a term outside the range is cut to it and
 // reported (`saturated`), never wrapped. Resolution: range / 2^41.
 
-inline constexpr std::int64_t max_terms = std::int64_t(1) << 21;
+inline constexpr std::uint32_t max_terms = 1u << 21;
 
 struct FixedPoint {
   float scale;  // 2^41 / range, a power of two
@@ -133,6 +133,11 @@ FC_HOST_DEVICE inline bool add_exactly(ExactSum3& sum, Vec3 term, FixedPoint fix
   const bool y = add_exactly(sum.y, term.y, fixed);
   const bool z = add_exactly(sum.z, term.z, fixed);
   return x && y && z;
+}
+FC_HOST_DEVICE inline void add(ExactSum3& sum, const ExactSum3& other) {
+  sum.x += other.x;
+  sum.y += other.y;
+  sum.z += other.z;
 }
 FC_HOST_DEVICE inline Vec3 value_of(ExactSum3 sum, FixedPoint fixed) {
   return {static_cast<float>(sum.x) * fixed.unit, static_cast<float>(sum.y) * fixed.unit,

@@ -14,14 +14,9 @@ namespace fastcollide {
 
 struct FrameParameters {
   Solver solver;
-  Flight flight;  // through a frame, or a substep
-  Vec3 gravity;
-  Box box;
-  WallMaterial wall;
   int iterations;
   SolverScales scales;
-  SoftContactLaw law;
-  std::uint32_t frame;  // since the start of the run
+  Substep substep;  // the reference solver's is a frame
 };
 
 template <Backend B>
@@ -38,34 +33,30 @@ struct Scratch {
 template <Backend B>
 void simulate_reference_frame(B& backend, const FrameParameters& frame, Bodies<B>& bodies, Scratch<B>& scratch,
                               StageTimer& timer) {
+  const Substep& step = frame.substep;
   std::uint64_t* first_fault = scratch.first_fault.data();
   timer.time(backend, "advance",
-             [&] { advance(backend, frame.flight, frame.box, frame.wall, frame.frame, bodies, first_fault); });
+             [&] { advance(backend, step.flight, step.box, step.wall, step.frame, bodies, first_fault); });
   for (int iteration = 0; iteration < frame.iterations; ++iteration) {
-    timer.time(backend, "build_grid", [&] { build_grid(backend, bodies, scratch.grid); });
-    timer.time(backend, "solve_contacts", [&] {
-      solve_contacts(backend, frame.scales, frame.box, frame.frame, scratch.grid, bodies, first_fault);
-    });
+    timer.time(backend, "build_grid", [&] { build_grid(backend, bodies, nullptr, scratch.grid); });
+    timer.time(backend, "solve_contacts",
+               [&] { solve_contacts(backend, frame.scales, step.box, step.frame, scratch.grid, bodies, first_fault); });
   }
 }
 
-// The default frame: `iterations` substeps, each with gravity, a new grid, one pass that gathers all contacts and one
-// that applies them. The crowding that a substep needs is that of the substep before; the first one measures it.
+// The default frame: `iterations` substeps, each with a new grid, one pass that gathers all contacts and one that
+// applies them and moves the spheres. The crowding that a substep needs is that of the substep before.
 template <Backend B>
 void simulate_substep_frame(B& backend, const FrameParameters& frame, Bodies<B>& bodies, Scratch<B>& scratch,
                             StageTimer& timer) {
-  timer.time(backend, "build_grid", [&] { build_grid(backend, bodies, scratch.grid); });
-  timer.time(backend, "measure_crowding",
-             [&] { measure_crowding(backend, frame.law, frame.box, scratch.grid, scratch.substep); });
+  std::uint64_t* first_fault = scratch.first_fault.data();
   for (int substep = 0; substep < frame.iterations; ++substep) {
-    timer.time(backend, "advance", [&] { add_gravity(backend, frame.flight, bodies); });
-    timer.time(backend, "build_grid", [&] { build_grid(backend, bodies, scratch.grid); });
-    timer.time(backend, "solve_contacts", [&] {
-      gather_contacts(backend, frame.law, frame.scales.velocity, frame.box, frame.gravity, frame.wall, frame.frame,
-                      scratch.grid, bodies, scratch.substep, scratch.first_fault.data());
-      apply_contacts(backend, frame.law, frame.box, frame.gravity, frame.wall, frame.frame, scratch.grid, bodies,
-                     scratch.substep, scratch.first_fault.data());
-    });
+    timer.time(backend, "build_grid",
+               [&] { build_grid(backend, bodies, scratch.substep.crowding.data(), scratch.grid); });
+    timer.time(backend, "gather_contacts",
+               [&] { gather_contacts(backend, frame.substep, scratch.grid, bodies, scratch.substep, first_fault); });
+    timer.time(backend, "apply_contacts",
+               [&] { apply_contacts(backend, frame.substep, scratch.grid, bodies, scratch.substep, first_fault); });
   }
 }
 

@@ -14,6 +14,15 @@ struct CrowdingSum {
   std::int64_t xx = 0, yy = 0, zz = 0, xy = 0, xz = 0, yz = 0;
 };
 
+FC_HOST_DEVICE inline void add(CrowdingSum& sum, const CrowdingSum& other) {
+  sum.xx += other.xx;
+  sum.yy += other.yy;
+  sum.zz += other.zz;
+  sum.xy += other.xy;
+  sum.xz += other.xz;
+  sum.yz += other.yz;
+}
+
 // Weights are at most (1 + sqrt 2) / 2.
 inline FixedPoint crowding_scale() { return fixed_point_for(2.0f); }
 

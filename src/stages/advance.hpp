@@ -1,4 +1,4 @@
-// Free flight of every sphere through one frame, and the six walls.
+// The reference solver: free flight of every sphere through one frame, and the six walls.
 #pragma once
 
 #include "../data.hpp"
@@ -40,20 +40,6 @@ void advance(B& backend, const Flight& flight, const Box& box, const WallMateria
              Bodies<B>& bodies, std::uint64_t* first_fault) {
   backend.for_each(bodies.count(), Advance{flight, box, wall, frame, bodies.radii.data(), bodies.restitutions.data(),
                                            bodies.positions.data(), bodies.velocities.data(), first_fault});
-}
-
-// The default solver moves spheres when it applies their contacts; gravity comes first.
-struct AddGravity {
-  Vec3 velocity_gain;
-  float damping;
-  Vec3* velocities;
-
-  FC_HOST_DEVICE void operator()(std::int64_t i) const { velocities[i] = (velocities[i] + velocity_gain) * damping; }
-};
-
-template <Backend B>
-void add_gravity(B& backend, const Flight& flight, Bodies<B>& bodies) {
-  backend.for_each(bodies.count(), AddGravity{flight.velocity_gain, flight.damping, bodies.velocities.data()});
 }
 
 }  // namespace fastcollide

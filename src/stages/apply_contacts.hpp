@@ -1,33 +1,25 @@
 // Applies what was gathered: resting contacts, the impact of two spheres that picked each other, walls, flight.
 #pragma once
 
-#include <utility>
-
 #include "substep_scratch.hpp"
 
 namespace fastcollide {
 
+template <class Output>
 struct ApplyContacts {
-  SoftContactLaw law;
-  Box box;
-  Vec3 gravity;
-  WallMaterial wall;
-  std::uint32_t frame;
+  Substep substep;
   GridView grid;
-  const float* frictions;  // or null
-  const float* crowding;   // that GatherContacts read
+  Output output;
   const Vec3* velocity_change;
   const Vec3* turn;  // or null
   const std::uint32_t* pick;
-  Vec3* positions;
-  Vec3* velocities;
-  Vec3* spins;  // or null
   std::uint64_t* first_fault;
 
   FC_HOST_DEVICE static bool is_zero(Vec3 a) { return a.x == 0.0f && a.y == 0.0f && a.z == 0.0f; }
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
-    const Sphere self = sphere_in_slot(grid, slot);
+    const SoftContactLaw& law = substep.law;
+    const Sphere self = falling_sphere_in_slot(grid, slot, substep.flight);
     Vec3 position = self.position, velocity = self.velocity + velocity_change[slot];
     Vec3 spin = spin_after_resting(slot, self.radius);
     bool is_free = is_zero(velocity_change[slot]);
@@ -37,24 +29,24 @@ struct ApplyContacts {
       is_free = false;
     }
     auto visit_wall = [&](Vec3 normal, float depth, bool is_floor) {
-      collide_with_wall(self, normal, depth + dot(self.position - position, normal),
-                        is_floor ? wall.floor_restitution : self.restitution, position, velocity, spin, is_free);
+      collide_with_wall(self, slot, normal, depth + dot(self.position - position, normal),
+                        is_floor ? substep.wall.floor_restitution : self.restitution, position, velocity, spin,
+                        is_free);
     };
-    visit_walls(self.position, self.radius, box, visit_wall);
+    visit_walls(self.position, self.radius, substep.box, visit_wall);
 
     position = position + velocity * law.substep;
     // Velocity already holds this substep's gravity; the parabola of free flight has half of it.
-    if (is_free) position = position - gravity * (0.5f * law.substep * law.substep);
+    if (is_free) position = position - substep.gravity * (0.5f * law.substep * law.substep);
     if (!is_finite(position) || !is_finite(velocity)) {
-      atomic_min(first_fault, fault_word(frame, self.id, FaultKind::not_finite));
+      atomic_min(first_fault, fault_word(substep.frame, self.id, FaultKind::not_finite));
       return;
     }
-    if (!is_in_reach(position, self.radius, box)) {
-      atomic_min(first_fault, fault_word(frame, self.id, FaultKind::out_of_reach));
+    if (!is_in_reach(position, self.radius, substep.box)) {
+      atomic_min(first_fault, fault_word(substep.frame, self.id, FaultKind::out_of_reach));
     }
-    positions[self.id] = keep_inside(position, self.radius * (1.0f - deepest_push_in_radii), box);
-    velocities[self.id] = velocity;
-    if (spins != nullptr) spins[self.id] = spin;
+    output.write(slot, self, keep_inside(position, self.radius * (1.0f - deepest_push_in_radii), substep.box), velocity,
+                 spin);
   }
 
   FC_HOST_DEVICE Vec3 spin_after_resting(std::int64_t slot, float radius) const {
@@ -65,7 +57,8 @@ struct ApplyContacts {
   // meanwhile. Two spheres that nothing else touches get it at the very time of touching.
   FC_HOST_DEVICE void collide(std::int64_t slot, std::int64_t partner, Vec3& position, Vec3& velocity,
                               Vec3& spin) const {
-    const Sphere self = sphere_in_slot(grid, slot), other = sphere_in_slot(grid, partner);
+    const Sphere self = falling_sphere_in_slot(grid, slot, substep.flight);
+    const Sphere other = falling_sphere_in_slot(grid, partner, substep.flight);
     const Vec3 own_change = velocity_change[slot], other_change = velocity_change[partner];
     const Vec3 offset = separation(self.position, other.position, grid.period);
     const Vec3 relative = self.velocity - other.velocity;
@@ -78,7 +71,7 @@ struct ApplyContacts {
       const float reach = self.radius + other.radius;
       const float speed_squared = dot(relative, relative), along = dot(offset, relative);
       const float root = along * along - speed_squared * (dot(offset, offset) - reach * reach);
-      time_since = smaller((along + square_root(larger(root, 0.0f))) / speed_squared, 2.0f * law.substep);
+      time_since = smaller((along + square_root(larger(root, 0.0f))) / speed_squared, 2.0f * substep.law.substep);
       const Vec3 touching = offset - relative * time_since;
       const float distance = length(touching);
       if (distance > 1e-18f) {
@@ -91,7 +84,7 @@ struct ApplyContacts {
     const float impulse = larger(bounce - dot(relative_now, contact.normal), 0.0f);
     const float share = other.mass / (self.mass + other.mass);
     Vec3 change = contact.normal * (impulse * share);
-    if (const float friction = friction_between(frictions, self.id, other.id); friction > 0.0f) {
+    if (const float friction = friction_between(grid, slot, partner); friction > 0.0f) {
       const Rub rub = rub_pair(self, other, spin, spin_after_resting(partner, other.radius), relative_now, contact,
                                impulse, friction, 1.0f);
       change = change + rub.velocity;
@@ -102,12 +95,14 @@ struct ApplyContacts {
   }
 
   // A wall gives its restitution to a sphere that no resting contact held, at the very time of touching.
-  FC_HOST_DEVICE void collide_with_wall(const Sphere& self, Vec3 normal, float depth, float restitution, Vec3& position,
-                                        Vec3& velocity, Vec3& spin, bool& is_free) const {
+  FC_HOST_DEVICE void collide_with_wall(const Sphere& self, std::int64_t slot, Vec3 normal, float depth,
+                                        float restitution, Vec3& position, Vec3& velocity, Vec3& spin,
+                                        bool& is_free) const {
     if (depth <= 0.0f) return;
-    const float pull = dot(gravity, normal);
+    const SoftContactLaw& law = substep.law;
+    const float pull = dot(substep.gravity, normal);
     const float before = dot(self.velocity, normal) - pull * law.substep;
-    if (!(before < -law.impact_speed) || crowding[self.id] > 0.0f) {
+    if (!(before < -law.impact_speed) || grid.crowding[slot] > 0.0f) {
       is_free = false;
       return;
     }
@@ -115,7 +110,8 @@ struct ApplyContacts {
     const float at_touch = smaller(before - pull * time_since, 0.0f);
     const float impulse =
         larger(pull * (time_since + law.substep) - restitution * at_touch - dot(velocity, normal), 0.0f);
-    const Rub rub = rub_wall(self.radius, spin, spins != nullptr, velocity, normal, impulse, wall.friction, 1.0f);
+    const Rub rub =
+        rub_wall(self.radius, spin, grid.spins != nullptr, velocity, normal, impulse, substep.wall.friction, 1.0f);
     velocity = velocity + normal * impulse + rub.velocity;
     spin = spin + rub.turn * (1.0f / self.radius);
     if (impulse > 0.0f) position = position - normal * ((1.0f + restitution) * at_touch * time_since);
@@ -124,14 +120,11 @@ struct ApplyContacts {
 };
 
 template <Backend B>
-void apply_contacts(B& backend, const SoftContactLaw& law, const Box& box, Vec3 gravity, const WallMaterial& wall,
-                    std::uint32_t frame, const Grid<B>& grid, Bodies<B>& bodies, SubstepScratch<B>& scratch,
-                    std::uint64_t* first_fault) {
-  backend.for_each(bodies.count(), ApplyContacts{law, box, gravity, wall, frame, view_of(grid), bodies.frictions.data(),
-                                                 scratch.crowding.data(), scratch.velocity_change.data(),
-                                                 scratch.turn.data(), scratch.pick.data(), bodies.positions.data(),
-                                                 bodies.velocities.data(), bodies.spins.data(), first_fault});
-  std::swap(scratch.crowding, scratch.next_crowding);
+void apply_contacts(B& backend, const Substep& substep, const Grid<B>& grid, Bodies<B>& bodies,
+                    SubstepScratch<B>& scratch, std::uint64_t* first_fault) {
+  backend.for_each(bodies.count(), ApplyContacts<ToBodies>{substep, view_of(grid), to_bodies(bodies, scratch),
+                                                           scratch.velocity_change.data(), scratch.turn.data(),
+                                                           scratch.pick.data(), first_fault});
 }
 
 }  // namespace fastcollide

@@ -1,8 +1,8 @@
 // The list of all overlapping pairs: count, scan, fill. Nothing is dropped, whatever the number.
 #pragma once
 
-#include "../data.hpp"
 #include "../physics/overlap.hpp"
+#include "neighbors.hpp"
 
 namespace fastcollide {
 

@@ -1,4 +1,4 @@
-// How crowded each sphere is at the start of a frame.
+// How crowded each sphere is, where no substep before has told.
 #pragma once
 
 #include "substep_scratch.hpp"
@@ -37,9 +37,7 @@ template <Backend B>
 void measure_crowding(B& backend, const SoftContactLaw& law, const Box& box, const Grid<B>& grid,
                       SubstepScratch<B>& scratch) {
   const std::int64_t count = grid.ids.size();
-  for (auto* buffer : {&scratch.crowding, &scratch.next_crowding}) buffer->resize(count);
-  scratch.velocity_change.resize(count);
-  scratch.pick.resize(count);
+  scratch.crowding.resize(count);
   if (law.gravity == 0.0f) return backend.fill_zero(scratch.crowding.data(), count);
   backend.for_each(count, MeasureCrowding{law, crowding_scale(), box, view_of(grid), scratch.crowding.data()});
 }

@@ -1,8 +1,8 @@
 // One iteration of the reference solver: every sphere gathers what its contacts do to it.
 #pragma once
 
-#include "../data.hpp"
 #include "../physics/wall.hpp"
+#include "neighbors.hpp"
 
 namespace fastcollide {
 
@@ -17,46 +17,64 @@ inline SolverScales solver_scales(float largest_radius, float dt) {
   return {fixed_point_for(2.0f * largest_radius), fixed_point_for(512.0f * largest_radius / dt)};
 }
 
+template <class Neighbors, class Output>
 struct SolveContacts {
   SolverScales scales;
   Box box;
   std::uint32_t frame;
   GridView grid;
-  Vec3* positions;
-  Vec3* velocities;
+  Neighbors neighbors;
+  Output output;
   std::uint64_t* first_fault;
 
-  FC_HOST_DEVICE void operator()(std::int64_t slot) const {
-    const Sphere self = sphere_in_slot(grid, slot);
+  struct Sum {
     ExactSum3 displacement, velocity_change;
-    std::int64_t contacts = 0;
-    bool in_range = true;
+    std::uint32_t contacts = 0, out_of_range = 0;
+
+    FC_HOST_DEVICE void combine(const Sum& other) {
+      add(displacement, other.displacement);
+      add(velocity_change, other.velocity_change);
+      contacts += other.contacts;
+      out_of_range += other.out_of_range;
+    }
+  };
+
+  FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const {
+    const Sphere self = sphere_in_slot(grid, slot);
+    Sum sum;
     auto visit = [&](std::int64_t other) {
       const Vec4 there = grid.position_radius[other];
       if (!overlaps(self.position, self.radius, {there.x, there.y, there.z}, there.w, grid.period)) return;
       const ContactChange change = resolve_contact(self, sphere_in_slot(grid, other), grid.period);
-      in_range = add_exactly(displacement, change.position, scales.position) && in_range;
-      in_range = add_exactly(velocity_change, change.velocity, scales.velocity) && in_range;
-      ++contacts;
+      if (!add_exactly(sum.displacement, change.position, scales.position)) ++sum.out_of_range;
+      if (!add_exactly(sum.velocity_change, change.velocity, scales.velocity)) ++sum.out_of_range;
+      ++sum.contacts;
     };
-    visit_neighbor_cells(grid, slot, self.position, visit);
+    neighbors.visit(grid, slot, self.position, lane, visit);
+    return sum;
+  }
 
-    if (!in_range) atomic_min(first_fault, fault_word(frame, self.id, FaultKind::out_of_range));
-    if (contacts > max_terms) atomic_min(first_fault, fault_word(frame, self.id, FaultKind::too_many_contacts));
-    const Vec3 moved = self.position + value_of(displacement, scales.position);
+  FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const {
+    const Sphere self = sphere_in_slot(grid, slot);
+    if (sum.out_of_range > 0) atomic_min(first_fault, fault_word(frame, self.id, FaultKind::out_of_range));
+    if (sum.contacts > max_terms) atomic_min(first_fault, fault_word(frame, self.id, FaultKind::too_many_contacts));
+    const Vec3 moved = self.position + value_of(sum.displacement, scales.position);
     if (!is_in_reach(moved, self.radius, box)) {
       atomic_min(first_fault, fault_word(frame, self.id, FaultKind::out_of_reach));
     }
-    positions[self.id] = keep_inside(moved, self.radius, box);
-    velocities[self.id] = self.velocity + value_of(velocity_change, scales.velocity);
+    output.write(slot, self, keep_inside(moved, self.radius, box),
+                 self.velocity + value_of(sum.velocity_change, scales.velocity), spin_in_slot(grid, slot));
   }
+
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const { run_alone(*this, slot); }
 };
 
 template <Backend B>
 void solve_contacts(B& backend, const SolverScales& scales, const Box& box, std::uint32_t frame, const Grid<B>& grid,
                     Bodies<B>& bodies, std::uint64_t* first_fault) {
-  backend.for_each(bodies.count(), SolveContacts{scales, box, frame, view_of(grid), bodies.positions.data(),
-                                                 bodies.velocities.data(), first_fault});
+  const ToBodies output{bodies.positions.data(), bodies.velocities.data(), nullptr, nullptr};
+  backend.for_each(bodies.count(),
+                   SolveContacts<CellNeighbors, ToBodies>{scales, box, frame, view_of(grid), {}, output, first_fault});
 }
 
 }  // namespace fastcollide

@@ -1,26 +1,45 @@
 // What the stages of the default solver share.
 #pragma once
 
-#include "../data.hpp"
 #include "../physics/friction.hpp"
+#include "../physics/integrate.hpp"
 #include "../physics/soft_contact.hpp"
 #include "../physics/wall.hpp"
+#include "neighbors.hpp"
 
 namespace fastcollide {
+
+// All that one substep needs to know besides the spheres.
+struct Substep {
+  SoftContactLaw law;
+  Flight flight;
+  Vec3 gravity;
+  Box box;
+  WallMaterial wall;
+  FixedPoint velocity_scale;
+  std::uint32_t frame;
+};
 
 // What the default solver keeps from stage to stage.
 template <Backend B>
 struct SubstepScratch {
-  explicit SubstepScratch(B& backend)
-      : crowding(backend), next_crowding(backend), velocity_change(backend), turn(backend), pick(backend) {}
+  explicit SubstepScratch(B& backend) : crowding(backend), velocity_change(backend), turn(backend), pick(backend) {}
 
-  typename B::template Buffer<float> crowding, next_crowding;  // of each sphere
-  typename B::template Buffer<Vec3> velocity_change;           // by resting contacts, of each slot [m/s]
-  typename B::template Buffer<Vec3> turn;           // likewise: change of spin times radius, in a rough world [m/s]
-  typename B::template Buffer<std::uint32_t> pick;  // slot of its impact partner, of each slot
+  // Of each sphere, from substep to substep and from frame to frame; measured anew for spheres that were added.
+  typename B::template Buffer<float> crowding;
+  typename B::template Buffer<Vec3> velocity_change;  // by resting contacts, of each slot [m/s]
+  typename B::template Buffer<Vec3> turn;             // likewise: change of spin times radius, in a rough world [m/s]
+  typename B::template Buffer<std::uint32_t> pick;    // slot of its impact partner, of each slot
 };
 
 inline constexpr std::uint32_t no_pick = ~std::uint32_t(0);
+
+// A sphere with the gravity and drag of this substep already in its velocity.
+FC_HOST_DEVICE inline Sphere falling_sphere_in_slot(const GridView& grid, std::int64_t slot, const Flight& flight) {
+  Sphere sphere = sphere_in_slot(grid, slot);
+  sphere.velocity = (sphere.velocity + flight.velocity_gain) * flight.damping;
+  return sphere;
+}
 
 // Most candidates of the 27 cells end here: no more than place and radius are read of them.
 FC_HOST_DEVICE inline bool is_near(const Sphere& self, const GridView& grid, std::int64_t other, float margin) {
@@ -31,8 +50,8 @@ FC_HOST_DEVICE inline bool is_near(const Sphere& self, const GridView& grid, std
 }
 
 // A world without friction has no array of it.
-FC_HOST_DEVICE inline float friction_between(const float* frictions, std::uint32_t a, std::uint32_t b) {
-  return frictions == nullptr ? 0.0f : pair_friction(frictions[a], frictions[b]);
+FC_HOST_DEVICE inline float friction_between(const GridView& grid, std::int64_t a, std::int64_t b) {
+  return grid.frictions == nullptr ? 0.0f : pair_friction(grid.frictions[a], grid.frictions[b]);
 }
 
 }  // namespace fastcollide

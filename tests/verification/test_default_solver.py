@@ -299,26 +299,29 @@ def test_a_column_of_28_layers(device):
     assert 0 < mean_overlap(world) <= 0.05
 
 
-def test_a_pile_comes_to_rest(device):
-    """Spheres of the report, as deep as there, in a column that repeats sideways."""
+def test_piles_come_to_rest(device):
+    """Spheres of the report, as deep as there, in columns that repeat sideways. Four of 800 rather than one: a small
+    sphere that slips out between large ones now and then weighs more in a small pile."""
     bounds = ((0, 0, 0), (4, 4, 20))
-    world = fc.World(bounds, ("periodic", "periodic", "wall"), drag=0.0, device=device)
-    world.add(fc.random_spheres(800, bounds))
-    mass = fc.to_numpy(world.masses).astype(np.float64)
-    start = world.energy().total
-    world.step(450, DT)
+    squared_speeds = []
+    for seed in range(1, 5):
+        world = fc.World(bounds, ("periodic", "periodic", "wall"), drag=0.0, device=device)
+        world.add(fc.random_spheres(800, bounds, seed=seed))
+        mass = fc.to_numpy(world.masses).astype(np.float64)
+        start = world.energy().total
+        world.step(450, DT)
 
-    before, largest_gain, squared_speeds = world.energy().total, 0.0, []
-    for frame in range(450, 900):
-        world.step(1, DT)
-        total = world.energy().total
-        largest_gain, before = max(largest_gain, total - before), total
-        if frame >= 840:
-            velocity = velocities_of(world)
-            velocity[:, :2] -= np.average(velocity, axis=0, weights=mass)[:2]  # nothing can stop it
-            squared_speeds.append((velocity**2).sum(axis=1).mean())
+        before, largest_gain = world.energy().total, 0.0
+        for frame in range(450, 900):
+            world.step(1, DT)
+            total = world.energy().total
+            largest_gain, before = max(largest_gain, total - before), total
+            if frame >= 840:
+                velocity = velocities_of(world)
+                velocity[:, :2] -= np.average(velocity, axis=0, weights=mass)[:2]  # nothing can stop it
+                squared_speeds.append((velocity**2).sum(axis=1).mean())
 
-    assert largest_gain <= 1e-4 * start
+        assert largest_gain <= 1e-4 * start
+        assert world.contact_count() > 2 * len(world)
+        assert mean_overlap(world) <= 0.025
     assert np.sqrt(np.mean(squared_speeds)) <= 0.02
-    assert world.contact_count() > 2 * len(world)
-    assert mean_overlap(world) <= 0.025
