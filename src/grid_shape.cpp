@@ -109,7 +109,7 @@ void refuse_value(const Box& box, Field field, std::int64_t id, const float* fou
                          text_of(radii.smallest) + " to " + text_of(radii.largest) +
                              " m in this box (a sphere must fit in, and float32 must resolve its place)");
     case Field::mass:
-      throw InvalidValue("mass", id, text_of(found[0]), "more than 0, up to 1e38 [kg]");
+      throw InvalidValue("mass", id, text_of(found[0]), "more than 0, up to 1e38, or infinite for a fixed sphere [kg]");
     case Field::spin:
       throw InvalidValue("spin", id, three(), "finite numbers [rad/s]");
     case Field::friction:

@@ -12,7 +12,7 @@ struct Spheres {
   std::vector<float> position;     // x, y, z of each sphere [m], 3 * count values
   std::vector<float> velocity;     // [m/s], 3 * count values
   std::vector<float> radius;       // [m]
-  std::vector<float> mass;         // [kg]
+  std::vector<float> mass;         // [kg]; infinite: fixed, see World::add
   std::vector<float> restitution;  // 0 ... 1
   // May be empty: all at rest, without friction. A world that never gets any of the two keeps no memory for them.
   std::vector<float> spin;      // [rad/s], 3 * count values

@@ -67,6 +67,8 @@ class World {
   World& operator=(World&&) noexcept;
 
   // Returns the id of the first new sphere; ids count up from 0. All or nothing: InvalidValue names field and index.
+  // A sphere of infinite mass is fixed: nothing changes its velocity and spin, and it moves with them, through walls
+  // too. The others collide with it as with a wall; fixed spheres pass through each other.
   std::int64_t add(const Spheres& spheres);
 
   // Runs frames of dt seconds. go_on is asked between frames and ends the run by returning false. Returns the number of
@@ -91,10 +93,11 @@ class World {
 
   ContactArrays contacts();
   std::int64_t contact_count();
+  // Fixed spheres count in none of these: nothing takes energy or momentum from them.
   Energy energy();
   std::array<double, 3> momentum();          // [kg m/s]
   std::array<double, 3> angular_momentum();  // about the origin [kg m²/s]
-  float max_overlap();                       // [m]
+  float max_overlap();                       // of two spheres that are not both fixed [m]
   std::uint64_t state_hash();
 
   // Seconds spent in each stage while timed; timing makes a GPU wait after each stage.

@@ -13,6 +13,8 @@ from fastcollide.errors import InvalidValue
 from fastcollide.spheres import DEFAULT_BOUNDS, Bounds, Spheres, corners
 
 SOLVERS = ("substep", "reference")
+# An infinite mass means fixed: a finite one that float32 cannot hold must not become infinite; this is refused by name.
+LARGEST_FLOAT32 = np.finfo(np.float32).max
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,10 @@ class World:
         one number for all; spin [rad/s] (default: none) like velocity, friction (Coulomb coefficient, default: 0) like
         restitution. Arrays of a GPU are copied.
 
+        A sphere of infinite mass is fixed: no force, gravity or contact changes its velocity and spin, and it moves
+        with them, through the walls of the box too (its centre starts inside). The others collide with it as with a
+        wall; fixed spheres pass through each other.
+
         All or nothing. Raises InvalidValue, with field and index, for a number out of range or a wrong shape;
         OutOfMemory where the device is too small.
         """
@@ -206,7 +212,7 @@ class World:
 
     @property
     def masses(self) -> Any:
-        """Masses [kg], float32, shape (n,); see positions."""
+        """Masses [kg], float32, shape (n,); infinite for a fixed sphere, see add(). See positions."""
         return self._world.masses
 
     @property
@@ -237,19 +243,19 @@ class World:
         return self._world.contact_count()
 
     def energy(self) -> Energy:
-        """Energy of all spheres [J], as an exact sum: the same bits on every device."""
+        """Energy of all spheres but fixed ones [J], as an exact sum: the same bits on every device."""
         return Energy(*self._world.energy())
 
     def momentum(self) -> NDArray[np.float64]:
-        """Momentum of all spheres [kg m/s], shape (3,), as an exact sum."""
+        """Momentum of all spheres but fixed ones [kg m/s], shape (3,), as an exact sum."""
         return np.array(self._world.momentum())
 
     def angular_momentum(self) -> NDArray[np.float64]:
-        """Angular momentum of all spheres about the origin [kg m²/s], shape (3,), as an exact sum."""
+        """Angular momentum of all spheres but fixed ones about the origin [kg m²/s], shape (3,), as an exact sum."""
         return np.array(self._world.angular_momentum())
 
     def max_overlap(self) -> float:
-        """The deepest overlap of two spheres [m]."""
+        """The deepest overlap of two spheres that are not both fixed [m]."""
         return self._world.max_overlap()
 
     def state_hash(self) -> int:
@@ -331,7 +337,8 @@ def _weigh(density: NDArray[np.float32], radius: NDArray[np.float32]) -> NDArray
             f"density[{i}]: found {density[i]:g}; allowed: a finite number above 0 [kg/m³]", "density", i
         )
     with np.errstate(all="ignore"):  # a radius out of range is refused by the world
-        return density * (np.float32(4.18879020) * (radius * radius * radius))  # 4/3 π r³
+        mass = density * (np.float32(4.18879020) * (radius * radius * radius))  # 4/3 π r³
+    return np.minimum(mass, LARGEST_FLOAT32)
 
 
 def _numbers(field: str, value: Any) -> NDArray[np.float32]:
@@ -341,6 +348,8 @@ def _numbers(field: str, value: Any) -> NDArray[np.float32]:
         raise InvalidValue(f"{field}: found rows of different lengths; allowed: an array of numbers", field) from None
     if array.dtype.kind not in "fiu":
         raise InvalidValue(f"{field}: found an array of {array.dtype}; allowed: real numbers", field)
+    if field == "mass":
+        array = np.where(np.isinf(array), array, np.clip(array, -LARGEST_FLOAT32, LARGEST_FLOAT32))
     with np.errstate(over="ignore"):  # what does not fit becomes infinite, and infinite is refused by name
         return array.astype(np.float32, copy=False)
 

@@ -41,11 +41,22 @@ FC_HOST_DEVICE inline float wrap(float x, float lower, float upper) {
   return wrapped >= lower && wrapped < upper ? wrapped : lower;
 }
 
+// A position that may be outside the walls, in the first image of each periodic axis.
+FC_HOST_DEVICE inline float wrap_on_axis(float x, float lower, float upper, Boundary boundary) {
+  return boundary == Boundary::periodic ? wrap(x, lower, upper) : x;
+}
+
+FC_HOST_DEVICE inline Vec3 first_image(Vec3 position, const Box& box) {
+  return {wrap_on_axis(position.x, box.lower.x, box.upper.x, box.x),
+          wrap_on_axis(position.y, box.lower.y, box.upper.y, box.y),
+          wrap_on_axis(position.z, box.lower.z, box.upper.z, box.z)};
+}
+
 // Where a position may be: inside the walls by a radius, in the first image of a periodic axis, anywhere along an open
 // axis.
 FC_HOST_DEVICE inline float keep_on_axis(float x, float radius, float lower, float upper, Boundary boundary) {
-  if (boundary == Boundary::wall) return clamp(x, lower + radius, upper - radius);
-  return boundary == Boundary::periodic ? wrap(x, lower, upper) : x;
+  return boundary == Boundary::wall ? clamp(x, lower + radius, upper - radius)
+                                    : wrap_on_axis(x, lower, upper, boundary);
 }
 
 FC_HOST_DEVICE inline Vec3 keep_inside(Vec3 position, float radius, const Box& box) {

@@ -1,6 +1,7 @@
 // What one contact of the reference solver does to one of its two spheres.
 #pragma once
 
+#include "mass.hpp"
 #include "overlap.hpp"
 
 namespace fastcollide {
@@ -10,7 +11,7 @@ struct Sphere {
   float radius;       // [m]
   Vec3 velocity;      // [m/s]
   float restitution;  // 0 ... 1
-  float mass;         // [kg]
+  float mass;         // [kg]; infinite: fixed
   std::uint32_t id;
 };
 
@@ -37,7 +38,7 @@ FC_HOST_DEVICE inline float pair_restitution(float a, float b) { return smaller(
 // reverses their normal velocity.
 FC_HOST_DEVICE inline ContactChange resolve_contact(const Sphere& a, const Sphere& b, Vec3 period) {
   const ContactGeometry contact = contact_geometry(a.position, a.radius, a.id, b.position, b.radius, b.id, period);
-  const float share = b.mass / (a.mass + b.mass);
+  const float share = mass_share(a.mass, b.mass);
   const float approach = -dot(a.velocity - b.velocity, contact.normal);
   const float bounce = approach > 0.0f ? (1.0f + pair_restitution(a.restitution, b.restitution)) * approach : 0.0f;
   return {contact.normal * (larger(contact.depth, 0.0f) * share), contact.normal * (bounce * share)};

@@ -47,7 +47,7 @@ FC_HOST_DEVICE inline Rub rub_pair(const Sphere& a, const Sphere& b, Vec3 spin_a
   const float reach = a.radius + b.radius, s = (reach - contact.depth) / reach;
   const Vec3 turning = (spin_a * a.radius + spin_b * b.radius) * s;
   const Slip slip = slip_at(relative_velocity, contact.normal, turning, rolling_resistance_to_slip(s));
-  const float share = b.mass / (a.mass + b.mass);
+  const float share = mass_share(a.mass, b.mass);
   const Vec3 change = friction_change(slip, normal_change, friction, part) * share;
   return {change, cross(change, contact.normal) * (2.5f * s)};
 }

@@ -45,9 +45,23 @@ FC_HOST_DEVICE inline float load_weight(float depth, const SoftContactLaw& law) 
   return 0.75f + 0.25f * clamp(depth / law.full_load_depth, 0.0f, 1.0f);
 }
 
-// A heavy neighbour crowds a light sphere more than the other way round.
+// A heavy neighbour crowds a light sphere more than the other way round; a fixed one crowds it as a wall does.
 FC_HOST_DEVICE inline float mass_weight(float own_mass, float other_mass) {
-  return (other_mass + square_root(own_mass * other_mass)) / (own_mass + other_mass);
+  if (is_fixed(other_mass)) return 1.0f;
+  const float product = own_mass * other_mass;
+  const bool is_in_range = product > 1e-30f && product < 1e38f;  // of float32, with all its places
+  const float mean = is_in_range ? square_root(product) : square_root(own_mass) * square_root(other_mass);
+  return (other_mass + mean) / (own_mass + other_mass);
+}
+
+// The crowding of a fixed sphere: held like a wall, yet no impulse on it has to be cut, as it never moves.
+inline constexpr float crowding_of_fixed = -1.0f;
+
+FC_HOST_DEVICE inline bool is_held(float crowding) { return crowding != 0.0f; }
+
+// Gravity that only one of a pair feels [m/s²]: of a fixed sphere's partner. Free spheres fall together.
+FC_HOST_DEVICE inline Vec3 relative_gravity(Vec3 gravity, float other_mass) {
+  return is_fixed(other_mass) ? gravity : Vec3{0, 0, 0};
 }
 
 // Speed along the normal that a resting contact asks for, before it is shared and cut by the crowding [m/s].

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "box.hpp"
+#include "mass.hpp"
 
 namespace fastcollide {
 
@@ -56,6 +57,11 @@ FC_HOST_DEVICE inline void collide_with_walls(Vec3& position, Vec3& velocity, fl
     collide_axis(position.z, box.lower.z, box.upper.z, radius, velocity.z, velocity.x, velocity.y,
                  wall.floor_restitution, restitution, wall.friction);
   }
+}
+
+// Where a flight ends: walls keep a free sphere inside by a radius; a fixed one, which no force can stop, goes through.
+FC_HOST_DEVICE inline Vec3 place_in_box(Vec3 position, float radius, float mass, const Box& box) {
+  return is_fixed(mass) ? first_image(position, box) : keep_inside(position, radius, box);
 }
 
 // Calls visit(normal, depth, is_floor) for each wall; the normal points inwards, depth is how far the sphere reaches

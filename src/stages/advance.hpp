@@ -13,6 +13,7 @@ struct Advance {
   WallMaterial wall;
   std::uint32_t frame;
   const float* radii;
+  const float* masses;
   const float* restitutions;
   Vec3* positions;
   Vec3* velocities;
@@ -20,7 +21,12 @@ struct Advance {
 
   FC_HOST_DEVICE void operator()(std::int64_t i) const {
     Vec3 position = positions[i], velocity = velocities[i];
-    fly(position, velocity, flight);
+    const bool is_free = !is_fixed(masses[i]);
+    if (is_free) {
+      fly(position, velocity, flight);
+    } else {
+      position = position + velocity * flight.dt;
+    }
     if (!is_finite(position) || !is_finite(velocity)) {
       atomic_min(first_fault, fault_word(frame, static_cast<std::uint32_t>(i), FaultKind::not_finite));
       return;
@@ -29,8 +35,8 @@ struct Advance {
       atomic_min(first_fault, fault_word(frame, static_cast<std::uint32_t>(i), FaultKind::out_of_reach));
       return;
     }
-    collide_with_walls(position, velocity, radii[i], restitutions[i], box, wall);
-    positions[i] = keep_inside(position, radii[i], box);
+    if (is_free) collide_with_walls(position, velocity, radii[i], restitutions[i], box, wall);
+    positions[i] = place_in_box(position, radii[i], masses[i], box);
     velocities[i] = velocity;
   }
 };
@@ -38,8 +44,9 @@ struct Advance {
 template <Backend B>
 void advance(B& backend, const Flight& flight, const Box& box, const WallMaterial& wall, std::uint32_t frame,
              Bodies<B>& bodies, std::uint64_t* first_fault) {
-  backend.for_each(bodies.count(), Advance{flight, box, wall, frame, bodies.radii.data(), bodies.restitutions.data(),
-                                           bodies.positions.data(), bodies.velocities.data(), first_fault});
+  backend.for_each(bodies.count(),
+                   Advance{flight, box, wall, frame, bodies.radii.data(), bodies.masses.data(),
+                           bodies.restitutions.data(), bodies.positions.data(), bodies.velocities.data(), first_fault});
 }
 
 }  // namespace fastcollide

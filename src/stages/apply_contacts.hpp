@@ -22,11 +22,11 @@ struct ApplyContacts {
     const Sphere self = falling_sphere_in_slot(grid, slot, substep.flight);
     Vec3 position = self.position, velocity = self.velocity + velocity_change[slot];
     Vec3 spin = spin_after_resting(slot, self.radius);
+    if (is_fixed(self.mass)) return end_flight(slot, self, position + velocity * law.substep, velocity, spin);
     bool is_free = is_zero(velocity_change[slot]);
     const std::uint32_t partner = pick[slot];
-    if (partner != no_pick && pick[partner] == static_cast<std::uint32_t>(slot)) {
-      collide(slot, partner, position, velocity, spin);
-      is_free = false;
+    if (partner != no_pick && (pick[partner] == static_cast<std::uint32_t>(slot) || pick[partner] == pick_of_fixed)) {
+      collide(slot, partner, position, velocity, spin, is_free);
     }
     auto visit_wall = [&](Vec3 normal, float depth, bool is_floor) {
       collide_with_wall(self, slot, normal, depth + dot(self.position - position, normal),
@@ -38,6 +38,10 @@ struct ApplyContacts {
     position = position + velocity * law.substep;
     // Velocity already holds this substep's gravity; the parabola of free flight has half of it.
     if (is_free) position = position - substep.gravity * (0.5f * law.substep * law.substep);
+    end_flight(slot, self, position, velocity, spin);
+  }
+
+  FC_HOST_DEVICE void end_flight(std::int64_t slot, const Sphere& self, Vec3 position, Vec3 velocity, Vec3 spin) const {
     if (!is_finite(position) || !is_finite(velocity)) {
       atomic_min(first_fault, fault_word(substep.frame, self.id, FaultKind::not_finite));
       return;
@@ -45,8 +49,8 @@ struct ApplyContacts {
     if (!is_in_reach(position, self.radius, substep.box)) {
       atomic_min(first_fault, fault_word(substep.frame, self.id, FaultKind::out_of_reach));
     }
-    output.write(slot, self, keep_inside(position, self.radius * (1.0f - deepest_push_in_radii), substep.box), velocity,
-                 spin);
+    const float smallest_distance = self.radius * (1.0f - deepest_push_in_radii);  // from a wall
+    output.write(slot, self, place_in_box(position, smallest_distance, self.mass, substep.box), velocity, spin);
   }
 
   FC_HOST_DEVICE Vec3 spin_after_resting(std::int64_t slot, float radius) const {
@@ -54,35 +58,37 @@ struct ApplyContacts {
   }
 
   // The pair's impulse gives the normal velocity -e times that of the approach, whatever resting contacts did
-  // meanwhile. Two spheres that nothing else touches get it at the very time of touching.
-  FC_HOST_DEVICE void collide(std::int64_t slot, std::int64_t partner, Vec3& position, Vec3& velocity,
-                              Vec3& spin) const {
+  // meanwhile. Two spheres that nothing else touches get it at the very time of touching. Gravity, which is in their
+  // velocities already, came after that time: it counts where only one of the two feels it.
+  FC_HOST_DEVICE void collide(std::int64_t slot, std::int64_t partner, Vec3& position, Vec3& velocity, Vec3& spin,
+                              bool& is_free) const {
     const Sphere self = falling_sphere_in_slot(grid, slot, substep.flight);
     const Sphere other = falling_sphere_in_slot(grid, partner, substep.flight);
     const Vec3 own_change = velocity_change[slot], other_change = velocity_change[partner];
     const Vec3 offset = separation(self.position, other.position, grid.period);
-    const Vec3 relative = self.velocity - other.velocity;
+    const Vec3 relative = self.velocity - other.velocity, pull = relative_gravity(substep.gravity, other.mass);
+    const Vec3 before = relative - pull * substep.law.substep;
     const bool is_alone = is_zero(own_change) && is_zero(other_change);
-    const PairGeometry pair = pair_geometry(self, other, grid.period);
-    ContactGeometry contact = pair.contact;
-    float approach = pair.normal_velocity, time_since = 0.0f;
+    ContactGeometry contact = pair_geometry(self, other, grid.period).contact;
+    float time_since = 0.0f;
     if (is_alone) {
-      // |offset - relative t| = r_1 + r_2
+      // |offset - before t| = r_1 + r_2
       const float reach = self.radius + other.radius;
-      const float speed_squared = dot(relative, relative), along = dot(offset, relative);
+      const float speed_squared = dot(before, before), along = dot(offset, before);
       const float root = along * along - speed_squared * (dot(offset, offset) - reach * reach);
       time_since = smaller((along + square_root(larger(root, 0.0f))) / speed_squared, 2.0f * substep.law.substep);
-      const Vec3 touching = offset - relative * time_since;
+      const Vec3 touching = offset - before * time_since;
       const float distance = length(touching);
       if (distance > 1e-18f) {
         contact = {{touching.x / distance, touching.y / distance, touching.z / distance}, reach - distance};
-        approach = smaller(dot(relative, contact.normal), 0.0f);
       }
     }
-    const float bounce = -pair_restitution(self.restitution, other.restitution) * approach;
+    const float approach = smaller(dot(before - pull * time_since, contact.normal), 0.0f);
+    const float bounce = dot(pull, contact.normal) * (time_since + substep.law.substep) -
+                         pair_restitution(self.restitution, other.restitution) * approach;
     const Vec3 relative_now = relative + (own_change - other_change);
     const float impulse = larger(bounce - dot(relative_now, contact.normal), 0.0f);
-    const float share = other.mass / (self.mass + other.mass);
+    const float share = mass_share(self.mass, other.mass);
     Vec3 change = contact.normal * (impulse * share);
     if (const float friction = friction_between(grid, slot, partner); friction > 0.0f) {
       const Rub rub = rub_pair(self, other, spin, spin_after_resting(partner, other.radius), relative_now, contact,
@@ -92,6 +98,7 @@ struct ApplyContacts {
     }
     velocity = velocity + change;
     if (is_alone) position = position + change * time_since;
+    is_free = is_alone && is_fixed(other.mass);
   }
 
   // A wall gives its restitution to a sphere that no resting contact held, at the very time of touching.

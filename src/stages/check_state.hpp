@@ -21,9 +21,6 @@ struct StateCheck {
 
 inline constexpr float largest_friction = 1e6f;
 
-// The sum of two masses must be a finite float32 [kg].
-inline constexpr float largest_mass = 1e38f;
-
 struct CheckBody {
   Box box;
   float smallest_radius, largest_radius;  // that the box and float32 allow
@@ -40,7 +37,7 @@ struct CheckBody {
     if (!(radii[i] >= smallest_radius && radii[i] <= largest_radius)) return bad(Field::radius);
     if (!is_finite(positions[i]) || !is_in_reach(positions[i], radii[i], box)) return bad(Field::position);
     if (!is_finite(velocities[i])) return bad(Field::velocity);
-    if (!(masses[i] > 0.0f && masses[i] <= largest_mass)) return bad(Field::mass);
+    if (!(masses[i] > 0.0f && (masses[i] <= largest_mass || !is_finite(masses[i])))) return bad(Field::mass);
     if (!(restitutions[i] >= 0.0f && restitutions[i] <= 1.0f)) return bad(Field::restitution);
     if (spins != nullptr && !is_finite(spins[i])) return bad(Field::spin);
     if (frictions != nullptr && !(frictions[i] >= 0.0f && frictions[i] <= largest_friction))
@@ -54,15 +51,7 @@ struct BringIn {
   Box box;
   Vec3* positions;
 
-  FC_HOST_DEVICE void operator()(std::int64_t i) const {
-    const auto bring = [](float x, float lower, float upper, Boundary boundary) {
-      return boundary == Boundary::periodic ? wrap(x, lower, upper) : x;
-    };
-    const Vec3 position = positions[i];
-    positions[i] = {bring(position.x, box.lower.x, box.upper.x, box.x),
-                    bring(position.y, box.lower.y, box.upper.y, box.y),
-                    bring(position.z, box.lower.z, box.upper.z, box.z)};
-  }
+  FC_HOST_DEVICE void operator()(std::int64_t i) const { positions[i] = first_image(positions[i], box); }
 };
 
 template <Backend B>

@@ -51,6 +51,7 @@ struct GatherContacts {
     const float own_crowding = grid.crowding[slot];
     const Vec3 spin = spin_in_slot(grid, slot);
     Sum sum;
+    if (is_fixed(self.mass)) return sum;
     sum.fastest.normal_velocity = -law.impact_speed;
     auto visit = [&](std::int64_t other) {
       if (!is_near(self, grid, other, law.opening_margin)) return;
@@ -63,14 +64,16 @@ struct GatherContacts {
       if (depth <= 0.0f && !was_closed) return;
       ++sum.contacts;
       const float other_crowding = grid.crowding[other], crowding_here = larger(own_crowding, other_crowding);
-      const bool is_fast = approach < -law.impact_speed;
-      const bool both_held = own_crowding > 0.0f && other_crowding > 0.0f;
+      const Vec3 pull = relative_gravity(substep.gravity, neighbor.mass);
+      const float met_at = approach - dot(pull, pair.contact.normal) * law.substep;  // before this substep's gravity
+      const bool is_fast = met_at < -law.impact_speed;
+      const bool both_held = is_held(own_crowding) && is_held(other_crowding);
       if (is_fast && (law.gravity == 0.0f || !both_held)) {
-        sum.fastest.keep_faster({approach, static_cast<std::uint32_t>(other), neighbor.id});
+        sum.fastest.keep_faster({met_at, static_cast<std::uint32_t>(other), neighbor.id});
       }
       if (law.gravity == 0.0f || (is_fast && crowding_here == 0.0f)) return;
       const float pushed_depth = larger(depth - slop, 0.0f);
-      const float share = neighbor.mass / (self.mass + neighbor.mass);
+      const float share = mass_share(self.mass, neighbor.mass);
       const float speed = resting_speed_change(pushed_depth, approach, smaller_radius, crowding_here, law);
       const float part = 1.0f / larger(1.0f, crowding_here);
       add_change(sum, pair.contact.normal * (speed * part * share));
@@ -120,8 +123,9 @@ struct GatherContacts {
     }
     velocity_change[slot] = value_of(sum.change, substep.velocity_scale);
     if (turn != nullptr) turn[slot] = value_of(sum.turned, substep.velocity_scale);
-    output.write_crowding(slot, self, crowding_of(sum.crowd, fixed));
-    pick[slot] = sum.fastest.slot;
+    const bool is_free = !is_fixed(self.mass);
+    output.write_crowding(slot, self, is_free ? crowding_of(sum.crowd, fixed) : crowding_of_fixed);
+    pick[slot] = is_free ? sum.fastest.slot : pick_of_fixed;
   }
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const { run_alone(*this, slot); }

@@ -16,7 +16,7 @@ struct Larger {
   }
 };
 
-// What one sphere adds to the ledger, in double precision.
+// What one sphere adds to the ledger, in double precision. A fixed one, which no energy could stop, adds nothing.
 struct Share {
   double kinetic, rotational, potential;  // [J]
   double momentum[3];                     // [kg m/s]
@@ -32,6 +32,7 @@ struct ShareOfBody {
   const Vec3* spins;  // or null
 
   FC_HOST_DEVICE Share share(std::int64_t i) const {
+    if (is_fixed(masses[i])) return {};
     const double m = masses[i];
     const double vx = velocities[i].x, vy = velocities[i].y, vz = velocities[i].z;
     const double height = double(gravity.x) * (double(positions[i].x) - double(lower.x)) +
@@ -161,7 +162,7 @@ Ledger measure_ledger(B& backend, Vec3 gravity, const Box& box, const Bodies<B>&
   return ledger;
 }
 
-// Non-negative floats order like their bits.
+// Of two spheres that are not both fixed. Non-negative floats order like their bits.
 struct DeepestOverlap {
   GridView grid;
 
@@ -169,6 +170,7 @@ struct DeepestOverlap {
     const Vec4 here = grid.position_radius[slot];
     float deepest = 0.0f;
     auto visit = [&](std::int64_t other) {
+      if (is_fixed(grid.masses[slot]) && is_fixed(grid.masses[other])) return;
       const Vec4 there = grid.position_radius[other];
       deepest = larger(deepest, contact_geometry({here.x, here.y, here.z}, here.w, grid.ids[slot],
                                                  {there.x, there.y, there.z}, there.w, grid.ids[other], grid.period)

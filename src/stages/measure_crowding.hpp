@@ -14,6 +14,10 @@ struct MeasureCrowding {
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
     const Sphere self = sphere_in_slot(grid, slot);
+    if (is_fixed(self.mass)) {
+      crowding[self.id] = crowding_of_fixed;
+      return;
+    }
     CrowdingSum sum;
     auto visit = [&](std::int64_t other) {
       if (!is_near(self, grid, other, law.opening_margin)) return;

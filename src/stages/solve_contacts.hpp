@@ -42,6 +42,7 @@ struct SolveContacts {
   FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const {
     const Sphere self = sphere_in_slot(grid, slot);
     Sum sum;
+    if (is_fixed(self.mass)) return sum;
     auto visit = [&](std::int64_t other) {
       const Vec4 there = grid.position_radius[other];
       if (!overlaps(self.position, self.radius, {there.x, there.y, there.z}, there.w, grid.period)) return;
@@ -62,7 +63,7 @@ struct SolveContacts {
     if (!is_in_reach(moved, self.radius, box)) {
       atomic_min(first_fault, fault_word(frame, self.id, FaultKind::out_of_reach));
     }
-    output.write(slot, self, keep_inside(moved, self.radius, box),
+    output.write(slot, self, place_in_box(moved, self.radius, self.mass, box),
                  self.velocity + value_of(sum.velocity_change, scales.velocity), spin_in_slot(grid, slot));
   }
 

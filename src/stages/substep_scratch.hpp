@@ -33,10 +33,13 @@ struct SubstepScratch {
 };
 
 inline constexpr std::uint32_t no_pick = ~std::uint32_t(0);
+// A fixed sphere collides with all that pick it.
+inline constexpr std::uint32_t pick_of_fixed = no_pick - 1;
 
 // A sphere with the gravity and drag of this substep already in its velocity.
 FC_HOST_DEVICE inline Sphere falling_sphere_in_slot(const GridView& grid, std::int64_t slot, const Flight& flight) {
   Sphere sphere = sphere_in_slot(grid, slot);
+  if (is_fixed(sphere.mass)) return sphere;
   sphere.velocity = (sphere.velocity + flight.velocity_gain) * flight.damping;
   return sphere;
 }
