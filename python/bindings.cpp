@@ -188,6 +188,11 @@ void bind_world(nb::module_& m) {
       .def("angular_momentum", &World::angular_momentum, nb::call_guard<nb::gil_scoped_release>())
       .def("max_overlap", &World::max_overlap, nb::call_guard<nb::gil_scoped_release>())
       .def("state_hash", &World::state_hash, nb::call_guard<nb::gil_scoped_release>())
+      .def_prop_ro("fast_flights",
+                   [](const World& world) {
+                     const fastcollide::FastFlights flights = without_gil([&] { return world.fast_flights(); });
+                     return nb::make_tuple(flights.fast_spheres, flights.safe_iterations, flights.safe_dt);
+                   })
       .def("set_timed", &World::set_timed, "timed"_a, nb::call_guard<nb::gil_scoped_release>())
       .def_prop_ro("stage_times", [](const World& world) { return without_gil([&] { return world.stage_times(); }); });
 }

@@ -137,4 +137,20 @@ FC_HOST_DEVICE inline std::uint64_t fault_word(std::uint32_t frame, std::uint32_
 }
 FC_HOST_DEVICE inline std::uint32_t fault_frame(std::uint64_t fault) { return static_cast<std::uint32_t>(fault >> 40); }
 
+// What a run is watched for, from all spheres at once and in no order.
+struct Watch {
+  std::uint64_t first_fault = no_fault;
+  std::uint64_t fast_spheres = 0;    // that flew farther than their radius in one step, added up over the steps
+  std::uint64_t longest_flight = 0;  // of these, in radii of the sphere: the bits of a float
+};
+
+// A sphere that flies farther than its radius in one step, from one look at its neighbours to the next, may pass
+// through another one unseen.
+FC_HOST_DEVICE inline void watch_flight(Watch* watch, Vec3 flight, float radius) {
+  const float in_radii = length(flight * (1.0f / radius));
+  if (!(in_radii > 1.0f)) return;
+  atomic_count(&watch->fast_spheres);
+  atomic_max(&watch->longest_flight, bits_of(smaller(in_radii, 1e18f)));
+}
+
 }  // namespace fastcollide

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cmath>
+#include <limits>
 #include <mutex>
 #include <utility>
 
@@ -20,6 +21,7 @@ namespace fastcollide {
 class Clock {
  public:
   std::int64_t frame() const { return frame_; }
+  double dt() const { return dt_; }  // of the last frame [s]
   double time() const { return start_ + static_cast<double>(frame_ - start_frame_) * dt_; }
   void advance(std::int64_t frames, double dt) {
     if (dt != dt_) {
@@ -33,6 +35,27 @@ class Clock {
  private:
   std::int64_t frame_ = 0, start_frame_ = 0;
   double start_ = 0, dt_ = 0;
+};
+
+// The longest flight of a run so far, of those beyond a radius.
+class FlightRecord {
+ public:
+  void add(const Watch& watch, double dt) {
+    fast_spheres_ += static_cast<std::int64_t>(watch.fast_spheres);
+    const double flight = float_of(static_cast<std::uint32_t>(watch.longest_flight));
+    if (flight * dt_ <= flight_ * dt) return;  // no faster than the record
+    flight_ = flight;
+    dt_ = dt;
+  }
+  // iterations: into which a frame is divided; dt: of the frame that safe_iterations is for [s]
+  FastFlights report(int iterations, double dt) const {
+    if (fast_spheres_ == 0) return {0, iterations, std::numeric_limits<double>::infinity()};
+    return {fast_spheres_, static_cast<std::int64_t>(std::ceil(iterations * flight_ * (dt / dt_))), dt_ / flight_};
+  }
+
+ private:
+  std::int64_t fast_spheres_ = 0;
+  double flight_ = 0, dt_ = 1;  // in radii; of its frame [s]
 };
 
 class Engine {
@@ -50,6 +73,7 @@ class Engine {
 
   std::string device_name;
   Clock clock;
+  FlightRecord flights;
   StageTimer timer;
   // Threads that share a world take turns. Recursive, since a signal handler may ask the world that it interrupts.
   std::recursive_mutex mutex;
@@ -117,14 +141,17 @@ class EngineOn final : public Engine {
       const std::int64_t some = std::min(frames - done, B::frames_between_checks);
       keep_state();
       run_frames(some, parameters);
-      if (const std::uint64_t fault = first_fault(); fault != no_fault) {
+      const Watch watch = read_watch();
+      if (const std::uint64_t fault = watch.first_fault; fault != no_fault) {
         // Back to the last good frame: the same frames give the same state again.
         const auto good = static_cast<std::int64_t>(fault_frame(fault));
         restore_state();
         run_frames(good, parameters);
+        flights.add(read_watch(), dt);
         clock.advance(good, dt);
         refuse_fault(fault, clock.frame() + 1);
       }
+      flights.add(watch, dt);
       clock.advance(some, dt);
       done += some;
     }
@@ -260,17 +287,18 @@ class EngineOn final : public Engine {
   }
 
   void run_frames(std::int64_t frames, FrameParameters parameters) {
-    backend_.copy_to_device(scratch_.first_fault.data(), &no_fault, 1);
+    const Watch nothing_yet;
+    backend_.copy_to_device(scratch_.watch.data(), &nothing_yet, 1);
     for (std::int64_t i = 0; i < frames; ++i) {
       parameters.substep.frame = static_cast<std::uint32_t>(i);
       simulate_frame(backend_, parameters, bodies_, scratch_, timer);
     }
   }
 
-  std::uint64_t first_fault() {
-    std::uint64_t fault = no_fault;
-    backend_.copy_to_host(&fault, static_cast<const std::uint64_t*>(scratch_.first_fault.data()), 1);
-    return fault;
+  Watch read_watch() {
+    Watch watch;
+    backend_.copy_to_host(&watch, static_cast<const Watch*>(scratch_.watch.data()), 1);
+    return watch;
   }
 
   void keep_state() {

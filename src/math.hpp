@@ -102,6 +102,32 @@ FC_HOST_DEVICE inline void atomic_min(std::uint64_t* target, std::uint64_t value
 #endif
 }
 
+// Raises *target to value, likewise. Looks first: most values are below what is there.
+FC_HOST_DEVICE inline void atomic_max(std::uint64_t* target, std::uint64_t value) {
+#if defined(__CUDA_ARCH__)
+  if (value <= *static_cast<volatile std::uint64_t*>(target)) return;
+  atomicMax(reinterpret_cast<unsigned long long*>(target), static_cast<unsigned long long>(value));
+#elif !defined(__CUDACC__)
+  std::atomic_ref<std::uint64_t> shared(*target);
+  std::uint64_t seen = shared.load(std::memory_order_relaxed);
+  while (value > seen && !shared.compare_exchange_weak(seen, value, std::memory_order_relaxed)) {
+  }
+#else
+  if (value > *target) *target = value;  // host pass of nvcc: compiled, never run
+#endif
+}
+
+// Adds 1 to *target, from any thread at once: a sum of integers needs no order.
+FC_HOST_DEVICE inline void atomic_count(std::uint64_t* target) {
+#if defined(__CUDA_ARCH__)
+  atomicAdd(reinterpret_cast<unsigned long long*>(target), 1ull);
+#elif !defined(__CUDACC__)
+  std::atomic_ref<std::uint64_t>(*target).fetch_add(1, std::memory_order_relaxed);
+#else
+  ++*target;  // host pass of nvcc: compiled, never run
+#endif
+}
+
 // -------------------------------------------------------------------------------------------------------------------
 // Sums that do not depend on the order of their terms. Each term is rounded once to a multiple of a power of two and
 // the integers are added, so neighbour order, threads, lanes and atomics give the same bits.

@@ -21,11 +21,11 @@ struct FrameParameters {
 
 template <Backend B>
 struct Scratch {
-  explicit Scratch(B& backend) : grid(backend), substep(backend), first_fault(backend) { first_fault.resize(1); }
+  explicit Scratch(B& backend) : grid(backend), substep(backend), watch(backend) { watch.resize(1); }
 
   Grid<B> grid;
   SubstepScratch<B> substep;
-  typename B::template Buffer<std::uint64_t> first_fault;
+  typename B::template Buffer<Watch> watch;  // one
 };
 
 // The report's frame: flight and walls, then `iterations` times a new grid and one pass over all contacts. A pass reads
@@ -34,13 +34,14 @@ template <Backend B>
 void simulate_reference_frame(B& backend, const FrameParameters& frame, Bodies<B>& bodies, Scratch<B>& scratch,
                               StageTimer& timer) {
   const Substep& step = frame.substep;
-  std::uint64_t* first_fault = scratch.first_fault.data();
+  Watch* watch = scratch.watch.data();
   timer.time(backend, "advance",
-             [&] { advance(backend, step.flight, step.box, step.wall, step.frame, bodies, first_fault); });
+             [&] { advance(backend, step.flight, step.box, step.wall, step.frame, bodies, watch); });
   for (int iteration = 0; iteration < frame.iterations; ++iteration) {
     timer.time(backend, "build_grid", [&] { build_grid(backend, bodies, nullptr, scratch.grid); });
-    timer.time(backend, "solve_contacts",
-               [&] { solve_contacts(backend, frame.scales, step.box, step.frame, scratch.grid, bodies, first_fault); });
+    timer.time(backend, "solve_contacts", [&] {
+      solve_contacts(backend, frame.scales, step.box, step.frame, scratch.grid, bodies, &watch->first_fault);
+    });
   }
 }
 
@@ -49,14 +50,15 @@ void simulate_reference_frame(B& backend, const FrameParameters& frame, Bodies<B
 template <Backend B>
 void simulate_substep_frame(B& backend, const FrameParameters& frame, Bodies<B>& bodies, Scratch<B>& scratch,
                             StageTimer& timer) {
-  std::uint64_t* first_fault = scratch.first_fault.data();
+  Watch* watch = scratch.watch.data();
   for (int substep = 0; substep < frame.iterations; ++substep) {
     timer.time(backend, "build_grid",
                [&] { build_grid(backend, bodies, scratch.substep.crowding.data(), scratch.grid); });
-    timer.time(backend, "gather_contacts",
-               [&] { gather_contacts(backend, frame.substep, scratch.grid, bodies, scratch.substep, first_fault); });
+    timer.time(backend, "gather_contacts", [&] {
+      gather_contacts(backend, frame.substep, scratch.grid, bodies, scratch.substep, &watch->first_fault);
+    });
     timer.time(backend, "apply_contacts",
-               [&] { apply_contacts(backend, frame.substep, scratch.grid, bodies, scratch.substep, first_fault); });
+               [&] { apply_contacts(backend, frame.substep, scratch.grid, bodies, scratch.substep, watch); });
   }
 }
 

@@ -148,6 +148,11 @@ std::uint64_t World::state_hash() {
   return engine_->state_hash();
 }
 
+FastFlights World::fast_flights() const {
+  const Turn turn(*engine_);
+  return engine_->flights.report(options_.iterations, engine_->clock.dt());
+}
+
 void World::set_timed(bool timed) {
   const Turn turn(*engine_);
   engine_->timer.enabled = timed;

@@ -57,6 +57,14 @@ struct Energy {
   double kinetic = 0, rotational = 0, potential = 0;
 };
 
+// A sphere that moves farther than its radius in one substep (one frame of the reference solver) may pass through
+// another one unseen.
+struct FastFlights {
+  std::int64_t fast_spheres = 0;     // times that one did since the world began
+  std::int64_t safe_iterations = 0;  // substeps in a frame like the last for none to; no help to the reference solver
+  double safe_dt = 0;                // frame for none to, with the iterations there are; infinite where none did [s]
+};
+
 // Threads that share a world take turns: each call waits for the one before.
 class World {
  public:
@@ -99,6 +107,7 @@ class World {
   std::array<double, 3> angular_momentum();  // about the origin [kg m²/s]
   float max_overlap();                       // of two spheres that are not both fixed [m]
   std::uint64_t state_hash();
+  FastFlights fast_flights() const;
 
   // Seconds spent in each stage while timed; timing makes a GPU wait after each stage.
   void set_timed(bool timed);

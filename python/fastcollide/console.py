@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,7 +18,7 @@ from fastcollide.parameters import InvalidSetting
 from fastcollide.pictures import check_picture_files, make_picture_folders
 from fastcollide.render import Bounds
 from fastcollide.run import RunSummary, create_world, simulate
-from fastcollide.settings import PictureSettings, RunSettings
+from fastcollide.settings import PARAMETERS, PictureSettings, RunSettings
 from fastcollide.video import VideoError, render_folder
 
 EXIT_FINE = 0
@@ -128,6 +129,8 @@ def _show(settings: RunSettings, summary: RunSummary) -> None:
     say("contacts", f"{summary.contacts:,}")
     say("energy", f"{energy.total:.6g} J ({energy.kinetic:.6g} kinetic, {energy.potential:.6g} potential)")
     say("largest overlap", f"{summary.max_overlap:.6g} m")
+    if summary.fast_spheres:
+        say("fast spheres", _about_fast_spheres(settings, summary))
     say("state hash", f"{summary.state_hash:016x}")
     if settings.export_every:
         replaced = (
@@ -137,6 +140,18 @@ def _show(settings: RunSettings, summary: RunSummary) -> None:
     if settings.make_video:
         say("pictures", f"{summary.pictures:,}, {settings.pictures_per_second} a second")
     _show_picture_files(settings)
+
+
+def _about_fast_spheres(settings: RunSettings, summary: RunSummary) -> str:
+    step = "frame" if settings.solver == "reference" else "substep"
+    # Rounded first: a whole number that float64 just misses is not counted up.
+    safe = {"iterations": summary.safe_iterations, "fps": math.ceil(round(1 / summary.safe_dt, 6))}
+    advice = [
+        f"{PARAMETERS[name].option} {value}" for name, value in safe.items() if PARAMETERS[name].kind.accepts(value)
+    ]
+    return f"{summary.fast_spheres:,} times one moved more than its radius in a {step}, maybe through another" + (
+        f"; safe: {' or '.join(advice)}" if advice else ""
+    )
 
 
 def _show_picture_files(settings: PictureSettings) -> None:

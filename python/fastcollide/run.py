@@ -21,7 +21,8 @@ from fastcollide.settings import RunSettings
 class RunSummary:
     """What a run did, and the state it ended in.
 
-    seconds: the whole run [s]; step_seconds: the part spent in the engine [s].
+    seconds: the whole run [s]; step_seconds: the part spent in the engine [s]; fast_spheres, safe_iterations and
+    safe_dt [s]: as the World has them.
     """
 
     frames: int
@@ -31,6 +32,9 @@ class RunSummary:
     contacts: int
     energy: fc.Energy
     max_overlap: float
+    fast_spheres: int
+    safe_iterations: int | None
+    safe_dt: float
     state_hash: int
     frame_files: int
     replaced_frame_files: int
@@ -131,6 +135,9 @@ def simulate(
         contacts=world.contact_count(),
         energy=world.energy(),
         max_overlap=world.max_overlap(),
+        fast_spheres=world.fast_spheres,
+        safe_iterations=world.safe_iterations,
+        safe_dt=world.safe_dt,
         state_hash=world.state_hash(),
         frame_files=frame_files,
         replaced_frame_files=replaced,

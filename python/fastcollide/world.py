@@ -263,6 +263,24 @@ class World:
         return self._world.state_hash()
 
     @property
+    def fast_spheres(self) -> int:
+        """How many times since the world began a sphere moved farther than its own radius in one substep (in one frame,
+        with the reference solver): it may have passed through another one unseen. The same on every device."""
+        return self._world.fast_flights[0]
+
+    @property
+    def safe_iterations(self) -> int | None:
+        """Substeps in a frame as long as the last one with which no sphere, as fast as the fastest so far in radii a
+        second, moves farther than its radius; the present number where none did. None for the reference solver, whose
+        iterations divide no frame: see safe_dt."""
+        return None if self.solver == "reference" else self._world.fast_flights[1]
+
+    @property
+    def safe_dt(self) -> float:
+        """Length of a frame for the same, with the present number of iterations [s]; infinite where none did."""
+        return self._world.fast_flights[2]
+
+    @property
     def timed(self) -> bool:
         """Whether stage_times grows. Timing makes a GPU wait after each stage."""
         return self._timed

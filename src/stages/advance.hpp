@@ -17,7 +17,7 @@ struct Advance {
   const float* restitutions;
   Vec3* positions;
   Vec3* velocities;
-  std::uint64_t* first_fault;
+  Watch* watch;
 
   FC_HOST_DEVICE void operator()(std::int64_t i) const {
     Vec3 position = positions[i], velocity = velocities[i];
@@ -28,13 +28,14 @@ struct Advance {
       position = position + velocity * flight.dt;
     }
     if (!is_finite(position) || !is_finite(velocity)) {
-      atomic_min(first_fault, fault_word(frame, static_cast<std::uint32_t>(i), FaultKind::not_finite));
+      atomic_min(&watch->first_fault, fault_word(frame, static_cast<std::uint32_t>(i), FaultKind::not_finite));
       return;
     }
     if (!is_in_reach(position, radii[i], box)) {
-      atomic_min(first_fault, fault_word(frame, static_cast<std::uint32_t>(i), FaultKind::out_of_reach));
+      atomic_min(&watch->first_fault, fault_word(frame, static_cast<std::uint32_t>(i), FaultKind::out_of_reach));
       return;
     }
+    watch_flight(watch, position - positions[i], radii[i]);
     if (is_free) collide_with_walls(position, velocity, radii[i], restitutions[i], box, wall);
     positions[i] = place_in_box(position, radii[i], masses[i], box);
     velocities[i] = velocity;
@@ -43,10 +44,10 @@ struct Advance {
 
 template <Backend B>
 void advance(B& backend, const Flight& flight, const Box& box, const WallMaterial& wall, std::uint32_t frame,
-             Bodies<B>& bodies, std::uint64_t* first_fault) {
+             Bodies<B>& bodies, Watch* watch) {
   backend.for_each(bodies.count(),
                    Advance{flight, box, wall, frame, bodies.radii.data(), bodies.masses.data(),
-                           bodies.restitutions.data(), bodies.positions.data(), bodies.velocities.data(), first_fault});
+                           bodies.restitutions.data(), bodies.positions.data(), bodies.velocities.data(), watch});
 }
 
 }  // namespace fastcollide

@@ -13,7 +13,7 @@ struct ApplyContacts {
   const Vec3* velocity_change;
   const Vec3* turn;  // or null
   const std::uint32_t* pick;
-  std::uint64_t* first_fault;
+  Watch* watch;
 
   FC_HOST_DEVICE static bool is_zero(Vec3 a) { return a.x == 0.0f && a.y == 0.0f && a.z == 0.0f; }
 
@@ -43,12 +43,13 @@ struct ApplyContacts {
 
   FC_HOST_DEVICE void end_flight(std::int64_t slot, const Sphere& self, Vec3 position, Vec3 velocity, Vec3 spin) const {
     if (!is_finite(position) || !is_finite(velocity)) {
-      atomic_min(first_fault, fault_word(substep.frame, self.id, FaultKind::not_finite));
+      atomic_min(&watch->first_fault, fault_word(substep.frame, self.id, FaultKind::not_finite));
       return;
     }
     if (!is_in_reach(position, self.radius, substep.box)) {
-      atomic_min(first_fault, fault_word(substep.frame, self.id, FaultKind::out_of_reach));
+      atomic_min(&watch->first_fault, fault_word(substep.frame, self.id, FaultKind::out_of_reach));
     }
+    watch_flight(watch, position - self.position, self.radius);
     const float smallest_distance = self.radius * (1.0f - deepest_push_in_radii);  // from a wall
     output.write(slot, self, place_in_box(position, smallest_distance, self.mass, substep.box), velocity, spin);
   }
@@ -128,10 +129,10 @@ struct ApplyContacts {
 
 template <Backend B>
 void apply_contacts(B& backend, const Substep& substep, const Grid<B>& grid, Bodies<B>& bodies,
-                    SubstepScratch<B>& scratch, std::uint64_t* first_fault) {
+                    SubstepScratch<B>& scratch, Watch* watch) {
   backend.for_each(bodies.count(), ApplyContacts<ToBodies>{substep, view_of(grid), to_bodies(bodies, scratch),
                                                            scratch.velocity_change.data(), scratch.turn.data(),
-                                                           scratch.pick.data(), first_fault});
+                                                           scratch.pick.data(), watch});
 }
 
 }  // namespace fastcollide

@@ -56,6 +56,11 @@ def decode(path):
         return pictures, float(stream.average_rate)
 
 
+def options_after(text, *names):
+    """The options that a line of the summary advises."""
+    return {name: next(iter(text.split(f"{name} ")[1].split())) for name in names}
+
+
 @needs_video
 def test_positional_run_writes_frames_and_a_video_in_real_time(program, folder):
     code, output, errors = program(*["30", "12", "60", "2", "-9.8", "0.999", "0.6", "output", "video.mp4", "1"])
@@ -128,6 +133,28 @@ def test_the_summary_tells_the_state(program):
     assert summary["speed"].endswith(" FPS")
     assert summary["time"].endswith(" s")
     assert summary["device"] == f"{world.device} ({world.device_name})"
+    assert "fast spheres" not in summary
+
+
+def test_fast_spheres_are_told_with_what_would_be_safe(program):
+    """The options that the summary names make the line go away, one less does not."""
+    fast = ["run", *NO_FILES, "--particles", "1", "--radius", "0.1", "0.1", "--boundary", "open", "--speed", 0, 0, 300]
+    fast += ["--gravity", 0, "--drag", 0]
+    told = {}
+    for solver in ("substep", "reference"):
+        arguments = [*fast, "--frames", "6", "--fps", "60", "--solver", solver]
+        told[solver] = summary_of(program(*arguments)[1])["fast spheres"]
+        names = ("--iterations", "--fps") if solver == "substep" else ("--fps",)
+        for name, value in options_after(told[solver], *names).items():
+            for number, is_safe in ((int(value), True), (int(value) - 1, False)):
+                found = summary_of(program(*arguments, name, number)[1])
+                assert ("fast spheres" not in found) == is_safe, (solver, name, number)
+
+    assert told["substep"].startswith("30 times one moved more than its radius in a substep")
+    assert told["reference"].startswith("6 times one moved more than its radius in a frame")
+    assert "--iterations" not in told["reference"]
+    too_fast = summary_of(program(*fast, "--frames", "2", "--fps", 10, "--speed", 0, 0, 10_000)[1])["fast spheres"]
+    assert "--iterations" not in too_fast  # as more than the program takes would be needed
 
 
 @pytest.mark.parametrize(
