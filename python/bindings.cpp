@@ -116,8 +116,9 @@ void bind_world(nb::module_& m) {
       .def(
           "__init__",
           [](World* self, const Three& lower, const Three& upper, const std::array<std::string, 3>& boundary,
-             const Three& gravity, double drag, float floor_restitution, float wall_friction, bool is_reference,
-             int iterations, float cell_size, const std::string& device, int threads, int block_size) {
+             const Three& gravity, double drag, float floor_restitution, float wall_friction, float rolling_friction,
+             bool is_reference, int iterations, float cell_size, const std::string& device, int threads,
+             int block_size) {
             fastcollide::WorldOptions options;
             options.lower = lower;
             options.upper = upper;
@@ -126,6 +127,7 @@ void bind_world(nb::module_& m) {
             options.drag = drag;
             options.floor_restitution = floor_restitution;
             options.wall_friction = wall_friction;
+            options.rolling_friction = rolling_friction;
             options.solver = is_reference ? fastcollide::Solver::reference : fastcollide::Solver::substep;
             options.iterations = iterations;
             options.cell_size = cell_size;
@@ -135,7 +137,8 @@ void bind_world(nb::module_& m) {
             new (self) World(options);
           },
           nb::kw_only(), "lower"_a, "upper"_a, "boundary"_a, "gravity"_a, "drag"_a, "floor_restitution"_a,
-          "wall_friction"_a, "is_reference"_a, "iterations"_a, "cell_size"_a, "device"_a, "threads"_a, "block_size"_a)
+          "wall_friction"_a, "rolling_friction"_a, "is_reference"_a, "iterations"_a, "cell_size"_a, "device"_a,
+          "threads"_a, "block_size"_a)
       .def(
           "add",
           [](World& world, const Floats& position, const Floats& velocity, const Floats& radius, const Floats& mass,

@@ -229,7 +229,7 @@ class EngineOn final : public Engine {
     return {options_.solver,
             options_.iterations,
             scales,
-            {soft_contact_law(static_cast<float>(flight_time), gravity, largest_radius_),
+            {soft_contact_law(static_cast<float>(flight_time), gravity, largest_radius_, options_.rolling_friction),
              flight_for(flight_time, gravity, options_.drag),
              gravity,
              box(),
@@ -256,7 +256,7 @@ class EngineOn final : public Engine {
 
   // How far apart two surfaces may be that a stage still looks at [m].
   float opening_margin() const {
-    return options_.solver == Solver::substep ? soft_contact_law(1.0f, {}, largest_radius_).opening_margin : 0.0f;
+    return options_.solver == Solver::substep ? soft_contact_law(1.0f, {}, largest_radius_, 0.0f).opening_margin : 0.0f;
   }
 
   Box box() const { return box_of(options_); }

@@ -73,6 +73,9 @@ void check_options(const WorldOptions& options) {
   require(between(options.drag, 0, 1e6), "drag", options.drag, "0 to 1e6 [1/s]");
   require(between(options.floor_restitution, 0, 1), "floor_restitution", options.floor_restitution, "0 to 1");
   require(between(options.wall_friction, 0, 1e6), "wall_friction", options.wall_friction, "0 to 1e6");
+  require(between(options.rolling_friction, 0, 1e6), "rolling_friction", options.rolling_friction, "0 to 1e6");
+  require(options.rolling_friction == 0 || options.solver != Solver::reference, "rolling_friction",
+          options.rolling_friction, "0: spheres of the reference solver do not turn");
   require(options.iterations >= 1 && options.iterations <= 1000, "iterations", options.iterations, "1 to 1000");
   require(between(options.cell_size, 0, 1e30), "cell_size", options.cell_size, "a finite number above 0 [m]");
   require(options.block_size >= 32 && options.block_size <= 512 && options.block_size % 32 == 0, "block_size",

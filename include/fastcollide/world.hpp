@@ -28,6 +28,9 @@ struct WorldOptions {
   double drag = 0.06;                                          // v <- v exp(-drag dt) [1/s]
   float floor_restitution = 0.6f;  // of the lower z wall, 0 ... 1; the other walls use the sphere's own
   float wall_friction = 0.0f;      // Coulomb coefficient of all walls
+  // Rolling resistance, where spheres turn: a moment of at most this times R times the normal force of a contact, with
+  // R = r1 r2 / (r1 + r2), the radius at a wall.
+  float rolling_friction = 0.0f;
   Solver solver = Solver::substep;
   int iterations = 5;           // substeps, or contact passes, a frame
   float cell_size = 0;          // edge of a grid cell [m]; 0: the smallest that misses no contact

@@ -61,6 +61,7 @@ def create_world(settings: RunSettings) -> fc.World:
         drag=drag,
         floor_restitution=settings.floor_restitution,
         wall_friction=settings.wall_friction,
+        rolling_friction=settings.rolling_friction,
         solver=settings.solver,
         iterations=settings.iterations,
         cell_size=settings.cell_size,

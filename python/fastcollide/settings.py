@@ -118,6 +118,9 @@ class RunSettings(PictureSettings):
     wall_friction: float = field(
         default=0.0, metadata=_about(Real(0, 100), "Coulomb friction coefficient of the walls.")
     )
+    rolling_friction: float = field(
+        default=0.0, metadata=_about(Real(0, 100), "Rolling resistance; only spheres with friction roll.")
+    )
     bounds: tuple[float, float, float, float, float, float] = field(
         default=(-10.0, -10.0, 0.0, 10.0, 10.0, 20.0),
         metadata=_about(

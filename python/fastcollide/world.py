@@ -56,7 +56,9 @@ class World:
     "periodic" (a sphere that leaves comes in on the other side) or "open" (no end: the bounds of that axis only frame
     pictures); gravity [m/s²]; drag γ [1/s]: v ← v·exp(−γ·dt) each frame;
     floor_restitution: 0 to 1, of the lower z wall (the other five walls use the sphere's own); wall_friction: Coulomb
-    coefficient of all walls; solver: "reference"; iterations: contact passes a frame; cell_size: edge of a grid cell
+    coefficient of all walls; rolling_friction: rolling resistance where spheres turn, a moment of at most this times R
+    times the normal force of a contact, with R = r₁ r₂ / (r₁ + r₂), the radius at a wall; solver: "substep" or
+    "reference"; iterations: contact passes a frame; cell_size: edge of a grid cell
     [m], at least the largest diameter (None: as small as that allows; no result depends on it); device: "cpu", "cuda",
     "cuda:N" or "auto" (a GPU if there is one, see `device`); threads: of the CPU (None: all);
     block_size: of CUDA launches, a multiple of 32 up to 512.
@@ -74,6 +76,7 @@ class World:
         drag: float = 0.06,
         floor_restitution: float = 0.6,
         wall_friction: float = 0.0,
+        rolling_friction: float = 0.0,
         solver: str = "substep",
         iterations: int = 5,
         cell_size: float | None = None,
@@ -98,6 +101,7 @@ class World:
             drag=drag,
             floor_restitution=floor_restitution,
             wall_friction=wall_friction,
+            rolling_friction=rolling_friction,
             is_reference=solver == "reference",
             iterations=iterations,
             cell_size=cell_size or 0.0,

@@ -12,11 +12,12 @@
 namespace fastcollide {
 
 struct SoftContactLaw {
-  float substep;          // h [s]
-  float gravity;          // |g| [m/s²]; without gravity there are no resting contacts
-  float impact_speed;     // 3 |g| h: faster approach is an impact; slower is what gravity does in a few substeps [m/s]
-  float full_load_depth;  // 4 |g| h²: a contact this deep counts fully in the crowding [m]
-  float opening_margin;   // surfaces farther apart than this are not looked at [m]
+  float substep;           // h [s]
+  float gravity;           // |g| [m/s²]; without gravity there are no resting contacts
+  float impact_speed;      // 3 |g| h: faster approach is an impact; slower is what gravity does in a few substeps [m/s]
+  float full_load_depth;   // 4 |g| h²: a contact this deep counts fully in the crowding [m]
+  float opening_margin;    // surfaces farther apart than this are not looked at [m]
+  float rolling_friction;  // coefficient of the rolling resistance
 };
 
 // Of the smaller radius: an overlap that is left alone, so that rounding makes no impulse.
@@ -33,10 +34,14 @@ inline constexpr float most_crowding_of_one_contact = 1.2072f;
 // pile, where the push carries the load of everything above.
 inline constexpr float fastest_lone_push = 1.0f, fastest_push = 8.0f;
 
-inline SoftContactLaw soft_contact_law(float substep, Vec3 gravity, float largest_radius) {
+inline SoftContactLaw soft_contact_law(float substep, Vec3 gravity, float largest_radius, float rolling_friction) {
   const float strength = length(gravity);
-  return {substep, strength, 3.0f * strength * substep, 4.0f * strength * substep * substep,
-          largest_radius * (1.0f / 32.0f)};
+  return {substep,
+          strength,
+          3.0f * strength * substep,
+          4.0f * strength * substep * substep,
+          largest_radius * (1.0f / 32.0f),
+          rolling_friction};
 }
 
 // Contacts come and go as a pile trembles: one that carries nothing still counts three quarters, so that the crowding,

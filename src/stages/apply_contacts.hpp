@@ -91,11 +91,16 @@ struct ApplyContacts {
     const float impulse = larger(bounce - dot(relative_now, contact.normal), 0.0f);
     const float share = mass_share(self.mass, other.mass);
     Vec3 change = contact.normal * (impulse * share);
+    const Vec3 own_spin = spin, other_spin = spin_after_resting(partner, other.radius);
     if (const float friction = friction_between(grid, slot, partner); friction > 0.0f) {
-      const Rub rub = rub_pair(self, other, spin, spin_after_resting(partner, other.radius), relative_now, contact,
-                               impulse, friction, 1.0f);
+      const Rub rub = rub_pair(self, other, own_spin, other_spin, relative_now, contact, impulse, friction, 1.0f);
       change = change + rub.velocity;
       spin = spin + rub.turn * (1.0f / self.radius);
+    }
+    if (resists_rolling(substep, grid)) {
+      const Vec3 turned =
+          resist_rolling_of_pair(self, other, own_spin, other_spin, impulse, substep.law.rolling_friction, 1.0f);
+      spin = spin + turned * (1.0f / self.radius);
     }
     velocity = velocity + change;
     if (is_alone) position = position + change * time_since;
@@ -121,7 +126,11 @@ struct ApplyContacts {
     const Rub rub =
         rub_wall(self.radius, spin, grid.spins != nullptr, velocity, normal, impulse, substep.wall.friction, 1.0f);
     velocity = velocity + normal * impulse + rub.velocity;
-    spin = spin + rub.turn * (1.0f / self.radius);
+    Vec3 turned = rub.turn;
+    if (resists_rolling(substep, grid)) {
+      turned = turned + resist_rolling_at_wall(self.radius, spin, impulse, law.rolling_friction, 1.0f);
+    }
+    spin = spin + turned * (1.0f / self.radius);
     if (impulse > 0.0f) position = position - normal * ((1.0f + restitution) * at_touch * time_since);
     is_free = true;
   }

@@ -83,6 +83,10 @@ struct GatherContacts {
         add_change(sum, rub.velocity);
         add_turn(sum, rub.turn);
       }
+      if (resists_rolling(substep, grid) && speed > 0.0f) {
+        add_turn(sum, resist_rolling_of_pair(self, neighbor, spin, grid.spins[other], speed * part,
+                                             law.rolling_friction, part));
+      }
       const float weight = mass_weight(self.mass, neighbor.mass) * load_weight(pushed_depth, law);
       add_contact(sum.crowd, pair.contact.normal, weight, fixed);
     };
@@ -110,6 +114,9 @@ struct GatherContacts {
                                  substep.wall.friction, part);
         add_change(sum, rub.velocity);
         add_turn(sum, rub.turn);
+      }
+      if (resists_rolling(substep, grid) && speed > 0.0f) {
+        add_turn(sum, resist_rolling_at_wall(self.radius, spin, speed, law.rolling_friction, part));
       }
     };
     visit_walls(self.position, self.radius, substep.box, visit_wall);

@@ -3,6 +3,7 @@
 
 #include "../physics/friction.hpp"
 #include "../physics/integrate.hpp"
+#include "../physics/rolling_resistance.hpp"
 #include "../physics/soft_contact.hpp"
 #include "../physics/wall.hpp"
 #include "neighbors.hpp"
@@ -55,6 +56,11 @@ FC_HOST_DEVICE inline bool is_near(const Sphere& self, const GridView& grid, std
 // A world without friction has no array of it.
 FC_HOST_DEVICE inline float friction_between(const GridView& grid, std::int64_t a, std::int64_t b) {
   return grid.frictions == nullptr ? 0.0f : pair_friction(grid.frictions[a], grid.frictions[b]);
+}
+
+// Where spheres do not turn they do not roll.
+FC_HOST_DEVICE inline bool resists_rolling(const Substep& substep, const GridView& grid) {
+  return substep.law.rolling_friction > 0.0f && grid.spins != nullptr;
 }
 
 }  // namespace fastcollide

@@ -119,6 +119,17 @@ def test_friction_and_boundary_reach_the_world():
     assert (lowest[1][:2] < -9.96).any()  # a periodic end does not
 
 
+def test_rolling_friction_reaches_the_world():
+    hashes = set()
+    for rolling_friction in (0.0, 0.1, 0.2):
+        world = create_world(
+            replace(RunSettings(), particles=50, friction=0.25, wall_friction=0.25, rolling_friction=rolling_friction)
+        )
+        world.step(60)
+        hashes.add(world.state_hash())
+    assert len(hashes) == 3
+
+
 def test_the_summary_tells_the_state(program):
     code, output, _ = program("run", *SMALL, *NO_FILES)
 
@@ -228,6 +239,7 @@ BAD_OPTIONS = [
     ("drag", ["-1"]),
     ("floor_restitution", ["1.01"]),
     ("wall_friction", ["-0.1"]),
+    ("rolling_friction", ["-0.1"]),
     ("friction", ["-0.1"]),
     ("boundary", ["closed"]),
     ("bounds", ["0", "0", "0", "1", "1", "0"]),
