@@ -59,11 +59,6 @@ FC_HOST_DEVICE inline float mass_weight(float own_mass, float other_mass) {
   return (other_mass + mean) / (own_mass + other_mass);
 }
 
-// The crowding of a fixed sphere: held like a wall, yet no impulse on it has to be cut, as it never moves.
-inline constexpr float crowding_of_fixed = -1.0f;
-
-FC_HOST_DEVICE inline bool is_held(float crowding) { return crowding != 0.0f; }
-
 // Gravity that only one of a pair feels [m/s²]: of a fixed sphere's partner. Free spheres fall together.
 FC_HOST_DEVICE inline Vec3 relative_gravity(Vec3 gravity, float other_mass) {
   return is_fixed(other_mass) ? gravity : Vec3{0, 0, 0};

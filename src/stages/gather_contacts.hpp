@@ -67,7 +67,7 @@ struct GatherContacts {
       const Vec3 pull = relative_gravity(substep.gravity, neighbor.mass);
       const float met_at = approach - dot(pull, pair.contact.normal) * law.substep;  // before this substep's gravity
       const bool is_fast = met_at < -law.impact_speed;
-      const bool both_held = is_held(own_crowding) && is_held(other_crowding);
+      const bool both_held = own_crowding > 0.0f && other_crowding > 0.0f;
       if (is_fast && (law.gravity == 0.0f || !both_held)) {
         sum.fastest.keep_faster({met_at, static_cast<std::uint32_t>(other), neighbor.id});
       }
@@ -130,9 +130,8 @@ struct GatherContacts {
     }
     velocity_change[slot] = value_of(sum.change, substep.velocity_scale);
     if (turn != nullptr) turn[slot] = value_of(sum.turned, substep.velocity_scale);
-    const bool is_free = !is_fixed(self.mass);
-    output.write_crowding(slot, self, is_free ? crowding_of(sum.crowd, fixed) : crowding_of_fixed);
-    pick[slot] = is_free ? sum.fastest.slot : pick_of_fixed;
+    output.write_crowding(slot, self, crowding_of(sum.crowd, fixed));
+    pick[slot] = is_fixed(self.mass) ? pick_of_fixed : sum.fastest.slot;
   }
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const { run_alone(*this, slot); }

@@ -15,7 +15,7 @@ struct MeasureCrowding {
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
     const Sphere self = sphere_in_slot(grid, slot);
     if (is_fixed(self.mass)) {
-      crowding[self.id] = crowding_of_fixed;
+      crowding[self.id] = 0.0f;  // nothing that is done to it has to be cut
       return;
     }
     CrowdingSum sum;

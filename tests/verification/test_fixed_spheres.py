@@ -156,17 +156,6 @@ def test_bounces_from_a_fixed_sphere(device):
     assert -0.01 * 0.1 < height[-1] <= 0
 
 
-@pytest.mark.parametrize("obstacle", ["wall", "fixed sphere"])
-def test_a_sphere_that_lies_on_the_floor_stops_at_it(device, obstacle):
-    """What resting contacts hold on both sides has an inelastic impact; a fixed sphere counts as held, like a wall."""
-    world = fc.World(((-2, -2, 0), (2, 2, 8)), drag=0.0, device=device)
-    world.add(position=(1.5 if obstacle == "wall" else 0.5, 0, 0.1), velocity=(2, 0, 0), radius=0.1, restitution=0.9)
-    if obstacle == "fixed sphere":
-        world.add(position=(1.0, 0, 0.1), radius=0.1, mass=FIXED, restitution=0.9)
-    world.step(60)
-    assert abs(array_of(world.velocities)[0, 0]) < 0.2
-
-
 def test_a_column_on_a_fixed_sphere(device):
     """Of 28 layers, as on the floor: at rest, with a mean overlap of at most 5 %."""
     world = fc.World(((-0.11, -0.11, -1), (0.11, 0.11, 8)), drag=0.0, device=device)
