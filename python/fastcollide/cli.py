@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from fastcollide.console import (
 )
 from fastcollide.info import print_info
 from fastcollide.menu import show_menu
-from fastcollide.parameters import Parameter
+from fastcollide.parameters import ChoicePerAxis, Parameter
 from fastcollide.positional import ORDER, is_positional, parse_positional
 from fastcollide.report_table import test_and_report
 from fastcollide.selftest import selftest as run_selftest
@@ -70,6 +71,19 @@ def _options(parameters: dict[str, Parameter]) -> Callable[[Any], Any]:
         return command
 
     return add_to
+
+
+def _join_axes(arguments: Sequence[str]) -> list[str]:
+    """The arguments with the up to three words after an option per axis as one: to click an option that takes one value
+    or three is none."""
+    words = list(arguments)
+    for parameter in PARAMETERS.values():
+        if isinstance(parameter.kind, ChoicePerAxis) and parameter.option in words:
+            start = words.index(parameter.option) + 1
+            values = list(takewhile(lambda word: not word.startswith("-"), words[start : start + 3]))
+            if values:
+                words[start : start + len(values)] = [" ".join(values)]
+    return words
 
 
 def _given(values: dict[str, Any]) -> dict[str, Any]:
@@ -138,7 +152,7 @@ def _dispatch(arguments: Sequence[str]) -> int:
         return run_and_report(parse_positional(arguments))
     if "--test" in arguments:
         arguments = ["test", *(word for word in arguments if word != "--test")]
-    code: int = commands.main(list(arguments), prog_name="fastcollide", standalone_mode=False)
+    code: int = commands.main(_join_axes(arguments), prog_name="fastcollide", standalone_mode=False)
     return code
 
 

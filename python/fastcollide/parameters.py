@@ -107,6 +107,30 @@ class Choice:
 
 
 @dataclass(frozen=True)
+class ChoicePerAxis:
+    """One of a few words for all axes, or three of them, for x, y and z."""
+
+    words: tuple[str, ...]
+
+    @property
+    def metavar(self) -> str:
+        return f"{'|'.join(self.words)} [Y Z]"
+
+    @property
+    def allowed(self) -> str:
+        return f"{', '.join(self.words)}; one for all axes, or three, for x, y and z"
+
+    def parse(self, text: str) -> str | tuple[str, ...]:
+        words = text.split()
+        return words[0] if len(words) == 1 else tuple(words)
+
+    def accepts(self, value: Any) -> bool:
+        if isinstance(value, tuple):
+            return len(value) == 3 and all(word in self.words for word in value)
+        return value in self.words
+
+
+@dataclass(frozen=True)
 class DeviceName:
     """The name of a device."""
 

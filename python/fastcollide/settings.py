@@ -10,7 +10,18 @@ from pathlib import Path
 from typing import Any, get_args
 
 from fastcollide.colormaps import COLOR_MAPS
-from fastcollide.parameters import Choice, DeviceName, FilePath, InvalidSetting, Kind, Parameter, Real, Switch, Whole
+from fastcollide.parameters import (
+    Choice,
+    ChoicePerAxis,
+    DeviceName,
+    FilePath,
+    InvalidSetting,
+    Kind,
+    Parameter,
+    Real,
+    Switch,
+    Whole,
+)
 from fastcollide.render import ColorBy
 from fastcollide.world import SOLVERS
 
@@ -130,9 +141,9 @@ class RunSettings(PictureSettings):
             value_names=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
         ),
     )
-    boundary: str = field(
+    boundary: str | tuple[str, str, str] = field(
         default="wall",
-        metadata=_about(Choice(("wall", "periodic", "open")), "What happens at the ends of the box, along all axes."),
+        metadata=_about(ChoicePerAxis(("wall", "periodic", "open")), "What happens at the ends of the box."),
     )
     seed: int = field(
         default=1, metadata=_about(Whole(0, 2**64 - 1), "Number of the random start; the same one gives the same run.")

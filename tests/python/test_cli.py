@@ -119,6 +119,29 @@ def test_friction_and_boundary_reach_the_world():
     assert (lowest[1][:2] < -9.96).any()  # a periodic end does not
 
 
+@pytest.mark.parametrize(
+    ("words", "boundary"),
+    [(["periodic"], "periodic"), (["open", "wall", "periodic"], ("open", "wall", "periodic"))],
+    ids=["for all", "for each axis"],
+)
+@pytest.mark.parametrize("place", ["first", "last"])
+def test_a_boundary_for_all_axes_or_for_each(program, words, boundary, place):
+    options = [*CROWDED, "--speed", "30", "30", "30"]
+    axes = ["--boundary", *words]
+    code, output, _ = program("run", *(axes + options if place == "first" else options + axes))
+    bounds = (-2, -2, 0, 2, 2, 3)
+    world = create_world(
+        replace(RunSettings(), particles=200, bounds=bounds, speed=(30, 30, 30), boundary=boundary, threads=1)
+    )
+    world.step(40)
+    assert code == 0
+    assert summary_of(output)["state hash"] == f"{world.state_hash():016x}"
+    is_out = [
+        np.abs(fc.to_numpy(world.positions)[:, axis] - middle).max() > 2 for axis, middle in enumerate((0, 0, 1.5))
+    ]
+    assert is_out == [name == "open" for name in ([boundary] * 3 if isinstance(boundary, str) else boundary)]
+
+
 def test_rolling_friction_reaches_the_world():
     hashes = set()
     for rolling_friction in (0.0, 0.1, 0.2):
@@ -242,6 +265,8 @@ BAD_OPTIONS = [
     ("rolling_friction", ["-0.1"]),
     ("friction", ["-0.1"]),
     ("boundary", ["closed"]),
+    ("boundary", ["wall", "closed", "wall"]),
+    ("boundary", ["wall", "open"]),
     ("bounds", ["0", "0", "0", "1", "1", "0"]),
     ("bounds", ["0", "0", "0", "1", "1", "inf"]),
     ("seed", ["-1"]),
