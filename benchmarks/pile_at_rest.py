@@ -36,13 +36,10 @@ def main() -> None:
         before = energy
         if frame % 150 == 0 or frame == frames:
             speed = np.linalg.norm(fc.to_numpy(world.velocities), axis=1)
-            radii, contacts = fc.to_numpy(world.radii), world.contacts()
-            pairs = fc.to_numpy(contacts.first), fc.to_numpy(contacts.second)
-            overlap = -fc.to_numpy(contacts.gap) / np.minimum(radii[pairs[0]], radii[pairs[1]])
             print(
                 f"{world.time:5.1f} s  v_rms {np.sqrt((speed**2).mean()):.4f}  fastest {speed.max():.2f} m/s  "
-                f"mean overlap {100 * overlap.mean():.2f} %  contacts {len(contacts)}  E/E0 {energy / start:.5f}  "
-                f"largest gain {100 * largest_gain:.5f} %",
+                f"mean overlap {100 * world.mean_overlap():.2f} %  contacts {world.contact_count()}  "
+                f"E/E0 {energy / start:.5f}  largest gain {100 * largest_gain:.5f} %",
                 flush=True,
             )
 

@@ -190,6 +190,7 @@ void bind_world(nb::module_& m) {
       .def("momentum", &World::momentum, nb::call_guard<nb::gil_scoped_release>())
       .def("angular_momentum", &World::angular_momentum, nb::call_guard<nb::gil_scoped_release>())
       .def("max_overlap", &World::max_overlap, nb::call_guard<nb::gil_scoped_release>())
+      .def("mean_overlap", &World::mean_overlap, nb::call_guard<nb::gil_scoped_release>())
       .def("state_hash", &World::state_hash, nb::call_guard<nb::gil_scoped_release>())
       .def_prop_ro("fast_flights",
                    [](const World& world) {

@@ -69,6 +69,7 @@ class Engine {
   virtual std::int64_t contact_count() = 0;
   virtual Ledger ledger() = 0;
   virtual float max_overlap() = 0;
+  virtual double mean_overlap() = 0;
   virtual std::uint64_t state_hash() = 0;
 
   std::string device_name;
@@ -213,7 +214,13 @@ class EngineOn final : public Engine {
   float max_overlap() override {
     if (count() == 0) return 0;
     update_grid();
-    return measure_max_overlap(backend_, scratch_.grid);
+    return measure_max_overlap(backend_, box(), scratch_.grid);
+  }
+
+  double mean_overlap() override {
+    if (count() == 0) return 0;
+    update_grid();
+    return measure_mean_overlap(backend_, scratch_.grid);
   }
 
   std::uint64_t state_hash() override {

@@ -143,6 +143,11 @@ float World::max_overlap() {
   return engine_->max_overlap();
 }
 
+double World::mean_overlap() {
+  const Turn turn(*engine_);
+  return engine_->mean_overlap();
+}
+
 std::uint64_t World::state_hash() {
   const Turn turn(*engine_);
   return engine_->state_hash();

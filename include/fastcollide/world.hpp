@@ -108,7 +108,10 @@ class World {
   Energy energy();
   std::array<double, 3> momentum();          // [kg m/s]
   std::array<double, 3> angular_momentum();  // about the origin [kg m²/s]
-  float max_overlap();                       // of two spheres that are not both fixed [m]
+  // Of two spheres that are not both fixed: the deepest, or that of a sphere in a wall if deeper [m]; and the mean of
+  // the pairs, each as a part of its smaller radius, 0 without any.
+  float max_overlap();
+  double mean_overlap();
   std::uint64_t state_hash();
   FastFlights fast_flights() const;
 

@@ -129,6 +129,7 @@ def _show(settings: RunSettings, summary: RunSummary) -> None:
     say("contacts", f"{summary.contacts:,}")
     say("energy", f"{energy.total:.6g} J ({energy.kinetic:.6g} kinetic, {energy.potential:.6g} potential)")
     say("largest overlap", f"{summary.max_overlap:.6g} m")
+    say("mean overlap", f"{100 * summary.mean_overlap:.4g} % of the smaller radius")
     if summary.fast_spheres:
         say("fast spheres", _about_fast_spheres(settings, summary))
     say("state hash", f"{summary.state_hash:016x}")

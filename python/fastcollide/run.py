@@ -32,6 +32,7 @@ class RunSummary:
     contacts: int
     energy: fc.Energy
     max_overlap: float
+    mean_overlap: float
     fast_spheres: int
     safe_iterations: int | None
     safe_dt: float
@@ -136,6 +137,7 @@ def simulate(
         contacts=world.contact_count(),
         energy=world.energy(),
         max_overlap=world.max_overlap(),
+        mean_overlap=world.mean_overlap(),
         fast_spheres=world.fast_spheres,
         safe_iterations=world.safe_iterations,
         safe_dt=world.safe_dt,

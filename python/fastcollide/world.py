@@ -259,8 +259,14 @@ class World:
         return np.array(self._world.angular_momentum())
 
     def max_overlap(self) -> float:
-        """The deepest overlap of two spheres that are not both fixed [m]."""
+        """The deepest overlap [m]: of two spheres, or of a sphere and a wall. Of fixed spheres with each other or with
+        walls it does not count."""
         return self._world.max_overlap()
+
+    def mean_overlap(self) -> float:
+        """The mean overlap of the pairs of spheres that are in contact, each as a part of its smaller radius; 0 without
+        any. Pairs of fixed spheres do not count. An exact sum, the same on every device."""
+        return self._world.mean_overlap()
 
     def state_hash(self) -> int:
         """64 bits that cover every number of the state in id order; equal states have equal hashes on every device."""

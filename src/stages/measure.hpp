@@ -5,6 +5,7 @@
 #include <bit>
 #include <cmath>
 
+#include "../physics/wall.hpp"
 #include "find_pairs.hpp"
 
 namespace fastcollide {
@@ -129,6 +130,13 @@ inline Vec3 height_origin(const Box& box) {
   return {of(box.lower.x, box.x), of(box.lower.y, box.y), of(box.lower.z, box.z)};
 }
 
+// The power of two by which to scale terms of up to this magnitude, so that `count` of them do not overflow 62 bits.
+inline int exponent_for(double magnitude, std::int64_t count) {
+  int exponent = 0;
+  std::frexp(magnitude, &exponent);
+  return magnitude > 0 ? 62 - static_cast<int>(std::bit_width(static_cast<std::uint64_t>(count))) - exponent : 0;
+}
+
 template <Backend B>
 Ledger measure_ledger(B& backend, Vec3 gravity, const Box& box, const Bodies<B>& bodies) {
   const std::int64_t count = bodies.count();
@@ -141,15 +149,8 @@ Ledger measure_ledger(B& backend, Vec3 gravity, const Box& box, const Bodies<B>&
                          bodies.spins.data()};
   const LargestShare largest =
       backend.transform_reduce(count, MagnitudeOfShare{body}, LargestShare{}, LargestShare::Operation{});
-  // Each term stays below 2^room, so that `count` of them cannot overflow 62 bits.
-  const int room = 62 - static_cast<int>(std::bit_width(static_cast<std::uint64_t>(count)));
-  const auto exponent_for = [room](double magnitude) {
-    int exponent = 0;
-    std::frexp(magnitude, &exponent);
-    return magnitude > 0 ? room - exponent : 0;
-  };
-  const int energy = exponent_for(largest.energy), momentum = exponent_for(largest.momentum);
-  const int angular_momentum = exponent_for(largest.angular_momentum);
+  const int energy = exponent_for(largest.energy, count), momentum = exponent_for(largest.momentum, count);
+  const int angular_momentum = exponent_for(largest.angular_momentum, count);
   const LedgerSums sums = backend.transform_reduce(
       count, RoundShare{std::ldexp(1.0, energy), std::ldexp(1.0, momentum), std::ldexp(1.0, angular_momentum), body},
       LedgerSums{}, LedgerSums::Operation{});
@@ -162,28 +163,95 @@ Ledger measure_ledger(B& backend, Vec3 gravity, const Box& box, const Bodies<B>&
   return ledger;
 }
 
-// Of two spheres that are not both fixed. Non-negative floats order like their bits.
+// Calls visit(other, depth) for each contact of a slot with a larger id that could part them: two fixed spheres never.
+template <class Visit>
+FC_HOST_DEVICE inline void visit_overlaps_of(const GridView& grid, std::int64_t slot, Visit& visit) {
+  const Vec4 here = grid.position_radius[slot];
+  auto visit_pair = [&](std::int64_t other) {
+    if (is_fixed(grid.masses[slot]) && is_fixed(grid.masses[other])) return;
+    const Vec4 there = grid.position_radius[other];
+    const ContactGeometry contact =
+        contact_geometry({here.x, here.y, here.z}, here.w, grid.ids[slot], {there.x, there.y, there.z}, there.w,
+                         grid.ids[other], grid.period);
+    visit(other, larger(contact.depth, 0.0f));  // decided in double precision, measured in single
+  };
+  visit_pairs_of(grid, slot, visit_pair);
+}
+
+// Into another sphere or, of a sphere that walls hold, into a wall. Non-negative floats order like their bits.
 struct DeepestOverlap {
+  Box box;
   GridView grid;
 
   FC_HOST_DEVICE std::uint32_t operator()(std::int64_t slot) const {
-    const Vec4 here = grid.position_radius[slot];
     float deepest = 0.0f;
-    auto visit = [&](std::int64_t other) {
-      if (is_fixed(grid.masses[slot]) && is_fixed(grid.masses[other])) return;
-      const Vec4 there = grid.position_radius[other];
-      deepest = larger(deepest, contact_geometry({here.x, here.y, here.z}, here.w, grid.ids[slot],
-                                                 {there.x, there.y, there.z}, there.w, grid.ids[other], grid.period)
-                                    .depth);
-    };
-    visit_pairs_of(grid, slot, visit);
+    auto visit = [&](std::int64_t, float depth) { deepest = larger(deepest, depth); };
+    visit_overlaps_of(grid, slot, visit);
+    auto visit_wall = [&](Vec3, float depth, bool) { deepest = larger(deepest, depth); };
+    const Vec4 here = grid.position_radius[slot];
+    if (!is_fixed(grid.masses[slot])) visit_walls({here.x, here.y, here.z}, here.w, box, visit_wall);
     return bits_of(deepest);
   }
 };
 
 template <Backend B>
-float measure_max_overlap(B& backend, const Grid<B>& grid) {
-  return float_of(backend.transform_reduce(grid.ids.size(), DeepestOverlap{view_of(grid)}, std::uint32_t(0), Larger{}));
+float measure_max_overlap(B& backend, const Box& box, const Grid<B>& grid) {
+  const DeepestOverlap overlap{box, view_of(grid)};
+  return float_of(backend.transform_reduce(grid.ids.size(), overlap, std::uint32_t(0), Larger{}));
+}
+
+// Contacts of each slot and their largest overlap, as a part of the smaller radius: they set the scale of the sum.
+struct OverlapSize {
+  std::int64_t count = 0;
+  double largest = 0;
+  struct Operation {
+    FC_HOST_DEVICE OverlapSize operator()(OverlapSize a, const OverlapSize& b) const {
+      return {a.count + b.count, Larger{}(a.largest, b.largest)};
+    }
+  };
+};
+
+FC_HOST_DEVICE inline double part_of_smaller_radius(float depth, const GridView& grid, std::int64_t a, std::int64_t b) {
+  return double(depth) / double(smaller(grid.position_radius[a].w, grid.position_radius[b].w));
+}
+
+struct SizeOfOverlaps {
+  GridView grid;
+
+  FC_HOST_DEVICE OverlapSize operator()(std::int64_t slot) const {
+    OverlapSize size;
+    auto visit = [&](std::int64_t other, float depth) {
+      size = OverlapSize::Operation{}(size, {1, part_of_smaller_radius(depth, grid, slot, other)});
+    };
+    visit_overlaps_of(grid, slot, visit);
+    return size;
+  }
+};
+
+struct RoundOverlaps {
+  double scale;  // a power of two
+  GridView grid;
+
+  FC_HOST_DEVICE std::int64_t operator()(std::int64_t slot) const {
+    std::int64_t sum = 0;
+    auto visit = [&](std::int64_t other, float depth) {
+      sum += round_to_int64(part_of_smaller_radius(depth, grid, slot, other) * scale);
+    };
+    visit_overlaps_of(grid, slot, visit);
+    return sum;
+  }
+};
+
+template <Backend B>
+double measure_mean_overlap(B& backend, const Grid<B>& grid) {
+  const std::int64_t slots = grid.ids.size();
+  const OverlapSize size =
+      backend.transform_reduce(slots, SizeOfOverlaps{view_of(grid)}, OverlapSize{}, OverlapSize::Operation{});
+  if (size.count == 0) return 0.0;
+  const int exponent = exponent_for(size.largest, size.count);
+  const RoundOverlaps overlaps{std::ldexp(1.0, exponent), view_of(grid)};
+  const std::int64_t sum = backend.transform_reduce(slots, overlaps, std::int64_t(0), Sum{});
+  return std::ldexp(static_cast<double>(sum), -exponent) / static_cast<double>(size.count);
 }
 
 // state_hash = mix64(count + sum over all numbers of mix64(bits + 2^32 (16 index + field))): the bits of every number

@@ -23,8 +23,8 @@ def report_world(device, count=20_000, **options):
 def hash_after(frames, device="cpu", **options):
     world = report_world(device, **options)
     world.step(frames)
-    measured = world.energy(), tuple(world.momentum()), world.max_overlap(), world.fast_spheres, world.safe_dt
-    return world.state_hash(), world.contact_count(), *measured
+    measured = world.energy(), tuple(world.momentum()), world.max_overlap(), world.mean_overlap()
+    return world.state_hash(), world.contact_count(), *measured, world.fast_spheres, world.safe_dt
 
 
 def test_any_number_of_threads(solver):

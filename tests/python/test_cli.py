@@ -164,6 +164,7 @@ def test_the_summary_tells_the_state(program):
     assert summary["contacts"] == str(world.contact_count())
     assert summary["energy"].startswith(f"{world.energy().total:.6g} J")
     assert summary["largest overlap"] == f"{world.max_overlap():.6g} m"
+    assert summary["mean overlap"] == f"{100 * world.mean_overlap():.4g} % of the smaller radius"
     assert summary["speed"].endswith(" FPS")
     assert summary["time"].endswith(" s")
     assert summary["device"] == f"{world.device} ({world.device_name})"

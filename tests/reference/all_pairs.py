@@ -46,3 +46,15 @@ def golden_cloud(name):
     radius_of = GOLDEN_SETS[name][0]
     uniforms = splitmix64_uniforms(20240601, 4 * 20_000).reshape(20_000, 4)
     return -13.5 + 27.0 * uniforms[:, :3], radius_of(uniforms[:, 3])
+
+
+def deepest_in_a_wall(position, radius, bounds, boundary):
+    """How far a sphere reaches into a wall of the box [m], rounded as the engine does; 0 where none does."""
+    deepest = np.float32(0)
+    names = (boundary,) * 3 if isinstance(boundary, str) else boundary
+    for axis, name in enumerate(names):
+        if name == "wall":
+            lower, upper = (np.float32(corner[axis]) for corner in bounds)
+            x, r = position[:, axis].astype(np.float32), radius.astype(np.float32)
+            deepest = max(deepest, (lower + r - x).max(initial=0), (x - (upper - r)).max(initial=0))
+    return deepest

@@ -88,11 +88,61 @@ def test_largest_overlap(device):
     assert world.contact_count() == 2
 
 
+@pytest.mark.parametrize(("axis", "side"), [(axis, side) for axis in range(3) for side in (0, 1)])
+def test_an_overlap_with_a_wall_counts(device, axis, side):
+    """Of a sphere that walls hold, deeper than that of two spheres."""
+    bounds = ((-4.0, -3.0, -2.0), (3.0, 4.0, 5.0))
+    position = np.full((4, 3), 0.5)
+    position[1, 0] += 0.9375
+    position[2:, axis] = bounds[side][axis] + 0.375 * (1 - 2 * side)
+    for boundary, deepest in (("wall", 0.125), ("open", 0.0625), ("periodic", 0.0625)):
+        world = fc.World(bounds, boundary, (0, 0, 0), device=device)
+        world.add(position=position[:3], radius=0.5)
+        assert world.max_overlap() == deepest
+        assert world.mean_overlap() == 0.125
+    world = fc.World(bounds, device=device)
+    world.add(position=position[3], radius=0.5, mass=float("inf"))
+    assert world.max_overlap() == 0
+
+
+def test_mean_overlap(world):
+    """Of each pair as a part of its smaller radius."""
+    contacts, radii = world.contacts(), fc.to_numpy(world.radii).astype(np.float64)
+    smaller = np.minimum(radii[fc.to_numpy(contacts.first)], radii[fc.to_numpy(contacts.second)])
+    overlaps = -fc.to_numpy(contacts.gap).astype(np.float64) / smaller
+    assert len(overlaps) > 10
+    assert world.mean_overlap() == pytest.approx(overlaps.mean(), rel=1e-12)
+
+
+def test_mean_overlap_of_a_few(device):
+    """Of 1/2 and of 1/4 of the smaller radius, the latter across a periodic end; a pair of fixed spheres is none."""
+    world = fc.World(boundary="periodic", gravity=(0, 0, 0), device=device)
+    world.add(position=[(0, 0, 5), (0.625, 0, 5)], radius=[0.5, 0.25])
+    world.add(position=[(-9.5, 0, 5), (9.625, 0, 5)], radius=0.5)
+    assert world.mean_overlap() == (0.5 + 0.25) / 2
+    world.add(position=[(0, 5, 5), (0, 5, 5)], radius=0.5, mass=float("inf"))
+    assert world.mean_overlap() == (0.5 + 0.25) / 2
+    world.add(position=(0, 5, 5), radius=0.5)  # with both of them
+    assert world.mean_overlap() == (0.5 + 0.25 + 2 + 2) / 4
+
+
+def test_a_mean_over_many_pairs_of_unequal_depth(device):
+    """2,000 spheres on one place inside a large one: a part of 2 each, and of 129."""
+    world = fc.World(((-64,) * 3, (64,) * 3), device=device)
+    count = 2000
+    world.add(position=np.zeros((count, 3)), radius=0.5)
+    world.add(position=(0, 0, 0), radius=64.0)
+    pairs = count * (count - 1) // 2
+    assert world.contact_count() == pairs + count
+    assert world.mean_overlap() == pytest.approx((pairs * 2 + count * 129) / (pairs + count), rel=1e-12)
+
+
 def test_a_world_without_spheres_measures_nothing(device):
     world = fc.World(device=device)
     assert world.energy() == (0, 0, 0)
     assert world.momentum().tolist() == [0, 0, 0]
     assert world.max_overlap() == 0
+    assert world.mean_overlap() == 0
     assert world.contact_count() == 0
     assert len(world.contacts()) == 0
 
