@@ -18,7 +18,7 @@ def above_floor(device, **options):
 
 
 def open_space(device, **options):
-    return fc.World(boundary="open", gravity=(0, 0, 0), drag=0.0, device=device, **options)
+    return fc.World(**{"boundary": "open", "gravity": (0, 0, 0), "drag": 0.0, "device": device, **options})
 
 
 @pytest.mark.parametrize("radius", [0.1, 0.4])
@@ -58,6 +58,31 @@ def test_a_top_on_a_smooth_floor(device):
     assert array_of(world.spins)[0] == pytest.approx([0, 0, 20 - 2.5 * 0.1 * G / 0.1 * 0.2], rel=0.01)
     world.step(48)
     np.testing.assert_allclose(array_of(world.spins)[0], 0, atol=1e-6)
+
+
+def test_a_top_on_a_fixed_sphere(device):
+    """2/5 m r² α = -μ_r R m g, R = r₁ r₂ / (r₁ + r₂): a third of the radius on one of half the size."""
+    world = open_space(device, gravity=(0, 0, -G), rolling_friction=0.1)
+    world.add(position=[(0, 0, 0), (0, 0, 0.15)], spin=[(0, 0, 0), (0, 0, 20)], radius=[0.05, 0.1], mass=[FIXED, 1])
+    world.step(12)
+    before = array_of(world.spins)[1, 2]
+    world.step(12)
+    assert before - array_of(world.spins)[1, 2] == pytest.approx(2.5 * 0.1 * G / 0.1 / 3 * 0.2, rel=0.01)
+    assert array_of(world.spins)[0].tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+@pytest.mark.parametrize("rolling_friction", [0.05, 10.0])
+def test_an_impact_on_a_wall(device, restitution, rolling_friction):
+    """It takes 5/2 μ_r (1 + e) v / r from the spin, up to all."""
+    world = fc.World(
+        ((-1,) * 3, (1,) * 3), gravity=(0, 0, 0), drag=0.0, rolling_friction=rolling_friction, device=device
+    )
+    world.add(position=(0.5, 0, 0), velocity=(2, 0, 0), spin=(0, 12, -16), radius=0.1, restitution=restitution)
+    world.step(30)
+    speed = max(0, 20 - 2.5 * rolling_friction * (1 + restitution) * 2 / 0.1)
+    np.testing.assert_allclose(array_of(world.spins)[0], (0, 0.6 * speed, -0.8 * speed), rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(array_of(world.velocities)[0], (-2 * restitution, 0, 0), atol=1e-6)
 
 
 @pytest.mark.parametrize(("mass", "radius"), [((1, 1), (0.1, 0.1)), ((1, 5), (0.1, 0.3)), ((1, FIXED), (0.1, 0.3))])
