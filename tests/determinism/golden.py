@@ -1,6 +1,7 @@
 """Scenes whose states are known to the last bit, and the file that holds their hashes."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import fastcollide as fc
@@ -45,6 +46,25 @@ def elastic_gas(count, fraction, seed=1):
     return spheres, {"bounds": bounds, "boundary": "periodic", "gravity": (0, 0, 0), "drag": 0.0}
 
 
+def mill():
+    """All that a rough world has: friction, spin, rolling resistance, fixed spheres at rest and on their way."""
+    bounds = ((-1.5, -2.0, 0.25), (2.5, 1.0, 3.0))
+    spheres = fc.random_spheres(1500, bounds, 99, (0.03, 0.2), (3, 2, 1), (0.1, 0.9), 700.0)
+    number = np.arange(len(spheres))
+    options = {
+        "bounds": bounds, "boundary": ("periodic", "wall", "wall"), "wall_friction": 0.4, "rolling_friction": 0.05,
+        "drag": 0.4, "floor_restitution": 0.3, "gravity": (1.0, -2.0, -6.5),
+    }  # fmt: skip
+    rough = replace(
+        spheres,
+        velocity=np.where(number[:, None] % 40 == 1, np.float32(0), spheres.velocity),
+        mass=np.where(number % 40 < 2, np.float32(np.inf), spheres.mass),
+        spin=np.float32(10) * spheres.velocity[:, ::-1].copy(),
+        friction=np.float32(0.2) + np.float32(0.5) * spheres.restitution,
+    )
+    return rough, options
+
+
 # Spheres and options of the world, frames, dt.
 SCENES = {
     "report, 1,000 spheres, 600 frames": (lambda: report(1_000, "reference"), 600, 1 / 60),
@@ -52,6 +72,7 @@ SCENES = {
     "crowd, 3,000 spheres, 100 frames": (crowd, 100, 1 / 120),
     "substep, report, 1,000 spheres, 300 frames": (lambda: report(1_000, "substep"), 300, 1 / 60),
     "substep, report, 5,000 spheres, 60 frames": (lambda: report(5_000, "substep"), 60, 1 / 60),
+    "substep, mill, 1,500 spheres, 100 frames": (mill, 100, 1 / 120),
     "substep, elastic gas, 500 spheres, 400 frames": (lambda: elastic_gas(500, 0.3), 400, 0.0125),
 }
 

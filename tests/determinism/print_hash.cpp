@@ -1,9 +1,10 @@
 // Runs the report's scene through the public C++ interface and prints the hashes of its start, its end and a picture.
 //   print_hash [particles [frames [device [threads [block_size [reference | smooth | rough]]]]]]
-// smooth and rough are the default solver without and with friction.
+// smooth and rough are the default solver without and with friction, rolling resistance and fixed spheres.
 #include <cinttypes>
 #include <cstdio>
 #include <cstdlib>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -55,16 +56,23 @@ int main(int argc, char** argv) {
     const std::string kind = argc > 6 ? argv[6] : "rough";
     options.solver = kind == "reference" ? fastcollide::Solver::reference : fastcollide::Solver::substep;
     options.wall_friction = kind == "rough" ? 0.3f : 0.0f;
+    options.rolling_friction = kind == "rough" ? 0.05f : 0.0f;
     fastcollide::World world(options);
     fastcollide::Spheres spheres =
         fastcollide::random_spheres(random, options.device == "auto" ? "cpu" : options.device);
-    if (kind == "rough") spheres.friction.assign(spheres.radius.size(), 0.4f);
+    if (kind == "rough") {
+      spheres.friction.assign(spheres.radius.size(), 0.4f);
+      for (std::size_t i = 0; i < spheres.mass.size(); i += 100) {
+        spheres.mass[i] = std::numeric_limits<float>::infinity();
+      }
+    }
     world.add(spheres);
     std::printf("start %016" PRIx64 "\n", world.state_hash());
     world.step(number(2, 60), 1.0 / 60);
     std::printf("picture %016" PRIx64 "\n", picture_hash(world));
-    std::printf("end %016" PRIx64 " contacts %" PRId64 " overlap %.9g energy %.17g\n", world.state_hash(),
-                world.contact_count(), static_cast<double>(world.max_overlap()),
+    std::printf("end %016" PRIx64 " contacts %" PRId64 " overlap %.9g mean %.17g fast %" PRId64 " energy %.17g\n",
+                world.state_hash(), world.contact_count(), static_cast<double>(world.max_overlap()),
+                world.mean_overlap(), world.fast_flights().fast_spheres,
                 world.energy().kinetic + world.energy().rotational + world.energy().potential);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "print_hash: %s\n", error.what());

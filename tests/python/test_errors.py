@@ -300,6 +300,38 @@ def test_a_collision_too_fast_for_the_solver_names_sphere_and_frame(device, arri
         world.step(10)
 
 
+@pytest.mark.parametrize("arrival", [1, 3])
+def test_a_resting_contact_too_fast_for_the_default_solver(device, arrival):
+    """A heavy sphere at 100 km/s, in a light one on the floor at the start of frame `arrival`: an impact of one that is
+    held takes the way of resting contacts, whose changes of velocity have a range."""
+    world = fc.World(((-5000, -5, 0), (5000, 5, 10)), drag=0.0, device=device)
+    start = -0.5 - 1e5 / 60 * (arrival - 1)
+    world.add(position=(0, 3, 0.4), radius=0.4)
+    world.add(
+        position=[(start, 0, 0.625), (0, 0, 0.3999)], velocity=[(1e5, 0, 0), (0, 0, 0)], radius=0.4, mass=[1e6, 1]
+    )
+    with pytest.raises(fc.SimulationError, match=rf"sphere 2 in frame {arrival}: .* more than 512 radii"):
+        world.step(10)
+    assert world.frame == arrival - 1
+
+
+def test_too_many_contacts_on_one_sphere(device, solver):
+    """2²¹ are the most whose sum is exact. Fixed spheres in one place, which do not collide with each other."""
+    most = 2**21
+    for count in (most, most + 1):
+        world = fc.World(gravity=(0, 0, -1), solver=solver, iterations=1, device=device)
+        world.add(position=(0.25, 0, 5), radius=0.25)
+        world.add(position=np.broadcast_to(np.float32((0, 0, 5)), (count, 3)), radius=0.125, mass=INFINITY)
+        if count == most:
+            world.step(1, 1e-6)
+        else:
+            with pytest.raises(
+                fc.SimulationError, match=f"sphere 0 in frame 1: more than {most} contacts on one sphere"
+            ):
+                world.step(1, 1e-6)
+            assert fc.to_numpy(world.positions)[0].tolist() == [0.25, 0, 5]
+
+
 def test_the_frame_named_counts_from_the_start_of_the_world(device):
     world = too_fast(device, 4)
     world.step(2)

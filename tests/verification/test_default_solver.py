@@ -100,6 +100,18 @@ def test_an_overlap_at_the_start_is_pushed_out_slowly(device, iterations, mass):
     assert world.max_overlap() <= 2e-4 * 0.1
 
 
+@pytest.mark.parametrize("iterations", [1, 5])
+def test_a_contact_that_opens_does_not_fly_apart(device, iterations):
+    """What pushes an overlap out pushes a little too far: the pair is stopped as its surfaces come apart."""
+    for depth in (0.001, 0.002, 0.003, 0.004, 0.005):
+        world = world_of(device, gravity=GRAVITY, iterations=iterations)
+        world.add(position=[(depth / 2 - 0.1, 0, 0), (0.1 - depth / 2, 0, 0)], radius=0.1)
+        world.step(60, iterations / 300)
+        first, second = positions_of(world)[:, 0]
+        assert second - first == pytest.approx(0.2, abs=0.01 * 0.1)
+        assert np.abs(velocities_of(world)[:, 0]).max() < 1e-3
+
+
 @pytest.mark.parametrize("height", [0.05, 0.08, 0.09])
 def test_out_of_the_floor_too(device, height):
     """So that a sphere that starts in it does not take off: 1 m/s carries it up by 5 cm."""
