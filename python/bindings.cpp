@@ -102,6 +102,13 @@ fastcollide::Boundary boundary_of(const std::string& name, int axis) {
   throw fastcollide::InvalidValue("boundary", axis, '"' + name + '"', "\"wall\", \"periodic\" or \"open\"");
 }
 
+fastcollide::Method method_of(const std::string& name) {
+  if (name == "auto") return fastcollide::Method::automatic;
+  if (name == "cells") return fastcollide::Method::cells;
+  if (name == "list") return fastcollide::Method::list;
+  throw fastcollide::InvalidValue("method", -1, '"' + name + '"', R"("auto", "cells" or "list")");
+}
+
 template <class Work>
 auto without_gil(Work&& work) {
   const nb::gil_scoped_release release;
@@ -118,7 +125,7 @@ void bind_world(nb::module_& m) {
           [](World* self, const Three& lower, const Three& upper, const std::array<std::string, 3>& boundary,
              const Three& gravity, double drag, float floor_restitution, float wall_friction, float rolling_friction,
              bool is_reference, int iterations, float cell_size, const std::string& device, int threads,
-             int block_size) {
+             const std::string& method, int block_size) {
             fastcollide::WorldOptions options;
             options.lower = lower;
             options.upper = upper;
@@ -133,12 +140,13 @@ void bind_world(nb::module_& m) {
             options.cell_size = cell_size;
             options.device = device;
             options.threads = threads;
+            options.method = method_of(method);
             options.block_size = block_size;
             new (self) World(options);
           },
           nb::kw_only(), "lower"_a, "upper"_a, "boundary"_a, "gravity"_a, "drag"_a, "floor_restitution"_a,
           "wall_friction"_a, "rolling_friction"_a, "is_reference"_a, "iterations"_a, "cell_size"_a, "device"_a,
-          "threads"_a, "block_size"_a)
+          "threads"_a, "method"_a, "block_size"_a)
       .def(
           "add",
           [](World& world, const Floats& position, const Floats& velocity, const Floats& radius, const Floats& mass,

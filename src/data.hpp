@@ -115,6 +115,50 @@ FC_HOST_DEVICE inline Sphere sphere_in_slot(const GridView& grid, std::int64_t s
   return {{a.x, a.y, a.z}, a.w, {b.x, b.y, b.z}, b.w, grid.masses[slot], grid.ids[slot]};
 }
 
+// The state as a list form keeps it from pass to pass: in the order of the cells of the last sort. A pass reads one
+// copy and writes the other.
+struct SlotState {
+  Vec4* position_radius;
+  Vec4* velocity_restitution;
+  float* crowding;  // or null: of the default solver
+  Vec3* spins;      // or null
+};
+// What changes only when spheres are sorted anew.
+struct SlotConstants {
+  std::uint32_t* ids;
+  float* masses;
+  float* frictions;  // or null
+};
+
+// Entries of one lane of one sphere: those that are there for all to see, and with those being added right now.
+struct alignas(8) ListCount {
+  std::uint32_t published, pending;
+};
+
+// For each lane of each sphere, the slots that are near: `capacity` places, `width` lanes side by side, so that the
+// lanes of a GPU read neighbouring words and a CPU reads one list from front to back.
+struct NeighborLists {
+  std::uint32_t* entries;
+  ListCount* counts;
+  std::uint32_t capacity, width, lanes;
+
+  FC_HOST_DEVICE std::uint32_t* of_row(std::int64_t row) const {
+    return entries + (row / width) * (std::int64_t(capacity) * width) + row % width;
+  }
+};
+
+// A sphere that left its skin, and where its list began until then: place and skin.
+struct QueuedSphere {
+  Vec4 start;
+  std::uint32_t slot;
+};
+
+// What a pass tells the next one.
+struct alignas(8) ListNews {
+  std::uint32_t is_stale;  // the lists must be made anew
+  std::uint32_t queued;    // spheres that left the skin of their list
+};
+
 // Overlapping pairs, first < second, sorted by (first, second).
 template <Backend B>
 struct Contacts {
@@ -139,18 +183,37 @@ FC_HOST_DEVICE inline std::uint32_t fault_frame(std::uint64_t fault) { return st
 
 // What a run is watched for, from all spheres at once and in no order.
 struct Watch {
+  // Of spheres that flew farther than their radius in one step, added up over the steps. Several, as threads would wait
+  // for each other at one.
+  struct alignas(32) Tally {
+    std::uint64_t spheres = 0;
+    std::uint64_t longest_flight = 0;  // in radii of the sphere: the bits of a float
+  };
+  static constexpr std::uint32_t tally_count = 64;
+
   std::uint64_t first_fault = no_fault;
-  std::uint64_t fast_spheres = 0;    // that flew farther than their radius in one step, added up over the steps
-  std::uint64_t longest_flight = 0;  // of these, in radii of the sphere: the bits of a float
+  Tally tallies[tally_count];
 };
 
 // A sphere that flies farther than its radius in one step, from one look at its neighbours to the next, may pass
 // through another one unseen.
-FC_HOST_DEVICE inline void watch_flight(Watch* watch, Vec3 flight, float radius) {
+FC_HOST_DEVICE inline void watch_flight(Watch* watch, std::uint32_t id, Vec3 flight, float radius) {
   const float in_radii = length(flight * (1.0f / radius));
   if (!(in_radii > 1.0f)) return;
-  atomic_count(&watch->fast_spheres);
-  atomic_max(&watch->longest_flight, bits_of(smaller(in_radii, 1e18f)));
+  Watch::Tally& tally = watch->tallies[id % Watch::tally_count];
+  atomic_add(&tally.spheres, std::uint64_t(1));
+  atomic_max(&tally.longest_flight, std::uint64_t(bits_of(smaller(in_radii, 1e18f))));
 }
+
+// What the device tells the host about its lists, and keeps for its next passes.
+struct ListControl {
+  ListNews news[2];           // in turn: a pass writes one while the other still holds what the pass before has told
+  std::uint32_t longest;      // row that was wanted
+  std::uint32_t age;          // passes since the lists were made
+  std::uint32_t frame, pass;  // done
+  std::uint32_t turn;         // of the next pass
+  std::uint32_t state_swaps, sorts;
+  Watch watch;
+};
 
 }  // namespace fastcollide

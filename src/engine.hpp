@@ -1,15 +1,18 @@
 // A world on one backend, behind an interface that knows none.
 #pragma once
 
+#include <chrono>
 #include <cmath>
 #include <limits>
 #include <mutex>
+#include <optional>
 #include <utility>
 
 #include "fastcollide/devices.hpp"
 #include "fastcollide/renderer.hpp"
 #include "fastcollide/world.hpp"
 #include "grid_shape.hpp"
+#include "listed_frames.hpp"
 #include "stages/check_state.hpp"
 #include "stages/measure.hpp"
 #include "stages/random_start.hpp"
@@ -41,11 +44,13 @@ class Clock {
 class FlightRecord {
  public:
   void add(const Watch& watch, double dt) {
-    fast_spheres_ += static_cast<std::int64_t>(watch.fast_spheres);
-    const double flight = float_of(static_cast<std::uint32_t>(watch.longest_flight));
-    if (flight * dt_ <= flight_ * dt) return;  // no faster than the record
-    flight_ = flight;
-    dt_ = dt;
+    for (const Watch::Tally& tally : watch.tallies) {
+      fast_spheres_ += static_cast<std::int64_t>(tally.spheres);
+      const double flight = float_of(static_cast<std::uint32_t>(tally.longest_flight));
+      if (flight * dt_ <= flight_ * dt) continue;  // no faster than the record
+      flight_ = flight;
+      dt_ = dt;
+    }
   }
   // iterations: into which a frame is divided; dt: of the frame that safe_iterations is for [s]
   FastFlights report(int iterations, double dt) const {
@@ -136,22 +141,21 @@ class EngineOn final : public Engine {
     shape_grid();
     FrameParameters parameters = frame_parameters(dt);
     if (options_.solver == Solver::substep && !is_crowding_known_) find_crowding(parameters.substep);
+    bool may_have_changed = true;
     for (std::int64_t done = 0; done < frames;) {
       if (go_on && !go_on()) return done;
-      // Few enough frames that a fault is told and a wish to stop is heard soon; enough that a GPU is not kept waiting.
-      const std::int64_t some = std::min(frames - done, B::frames_between_checks);
-      keep_state();
-      run_frames(some, parameters);
-      const Watch watch = read_watch();
-      if (const std::uint64_t fault = watch.first_fault; fault != no_fault) {
+      const std::int64_t some = std::min(frames - done, frames_at_once_);
+      const auto start = std::chrono::steady_clock::now();
+      const Watch watch = run_frames(some, parameters, may_have_changed);
+      if (watch.first_fault != no_fault) {
         // Back to the last good frame: the same frames give the same state again.
-        const auto good = static_cast<std::int64_t>(fault_frame(fault));
-        restore_state();
-        run_frames(good, parameters);
-        flights.add(read_watch(), dt);
+        const auto good = static_cast<std::int64_t>(fault_frame(watch.first_fault));
+        flights.add(run_frames(good, parameters, true), dt);
         clock.advance(good, dt);
-        refuse_fault(fault, clock.frame() + 1);
+        refuse_fault(watch.first_fault, clock.frame() + 1);
       }
+      adapt_frames_at_once(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+      may_have_changed = false;
       flights.add(watch, dt);
       clock.advance(some, dt);
       done += some;
@@ -245,6 +249,13 @@ class EngineOn final : public Engine {
              0}};
   }
 
+  // Few enough frames that a fault is told and a wish to stop is heard soon; enough that a GPU is not kept waiting.
+  void adapt_frames_at_once(double seconds) {
+    if (B::frames_between_checks == 1) return;
+    if (seconds < 0.01 && frames_at_once_ < 4096) frames_at_once_ *= 2;
+    if (seconds > 0.05 && frames_at_once_ > 1) frames_at_once_ /= 2;
+  }
+
   void find_crowding(const Substep& substep) {
     build_grid(backend_, bodies_, nullptr, scratch_.grid);
     measure_crowding(backend_, substep.law, box(), scratch_.grid, scratch_.substep);
@@ -293,19 +304,35 @@ class EngineOn final : public Engine {
     refuse_value(box(), field, id, found);
   }
 
-  void run_frames(std::int64_t frames, FrameParameters parameters) {
-    const Watch nothing_yet;
-    backend_.copy_to_device(scratch_.watch.data(), &nothing_yet, 1);
+  // Runs frames or, when something goes wrong in one of them, none.
+  Watch run_frames(std::int64_t frames, FrameParameters parameters, bool may_have_changed) {
+    if (options_.method != Method::cells) {
+      const std::optional<Watch> watch =
+          listed_.run(parameters, frames, may_have_changed, largest_radius_, body_arrays(), count(), timer);
+      if (watch) return *watch;
+    }
+    keep_state();
+    Watch watch;
+    backend_.copy_to_device(scratch_.watch.data(), &watch, 1);
     for (std::int64_t i = 0; i < frames; ++i) {
       parameters.substep.frame = static_cast<std::uint32_t>(i);
       simulate_frame(backend_, parameters, bodies_, scratch_, timer);
     }
+    backend_.copy_to_host(&watch, static_cast<const Watch*>(scratch_.watch.data()), 1);
+    if (watch.first_fault != no_fault) restore_state();
+    return watch;
   }
 
-  Watch read_watch() {
-    Watch watch;
-    backend_.copy_to_host(&watch, static_cast<const Watch*>(scratch_.watch.data()), 1);
-    return watch;
+  BodyArrays body_arrays() {
+    const bool has_crowding = options_.solver == Solver::substep;
+    return {bodies_.positions.data(),
+            bodies_.velocities.data(),
+            bodies_.radii.data(),
+            bodies_.masses.data(),
+            bodies_.restitutions.data(),
+            has_crowding ? scratch_.substep.crowding.data() : nullptr,
+            bodies_.is_rough ? bodies_.spins.data() : nullptr,
+            bodies_.is_rough ? bodies_.frictions.data() : nullptr};
   }
 
   void keep_state() {
@@ -335,10 +362,12 @@ class EngineOn final : public Engine {
   B backend_;
   Bodies<B> bodies_{backend_};
   Scratch<B> scratch_{backend_};
+  ListedFrames<B> listed_{backend_};
   // Before unchecked frames:
   typename B::template Buffer<Vec3> kept_positions_{backend_}, kept_velocities_{backend_}, kept_spins_{backend_};
   typename B::template Buffer<float> kept_crowding_{backend_};
   float largest_radius_ = 0;
+  std::int64_t frames_at_once_ = B::frames_between_checks;
   bool is_crowding_known_ = false;
 };
 

@@ -3,14 +3,24 @@
 // contraction (see the build flags), no libm transcendental.
 #pragma once
 
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <type_traits>
 
 #if defined(__CUDACC__)
 #define FC_HOST_DEVICE __host__ __device__
+// Before a template that calls only host functions when it runs on the host, and only device functions on the device.
+#define FC_EITHER_SIDE _Pragma("nv_exec_check_disable")
+// Loops that a GPU had better run as written out, or as a loop.
+#define FC_UNROLL _Pragma("unroll")
+#define FC_NO_UNROLL _Pragma("unroll 1")
 #else
 #define FC_HOST_DEVICE
+#define FC_EITHER_SIDE
+#define FC_UNROLL
+#define FC_NO_UNROLL
 #include <atomic>
 #endif
 
@@ -80,6 +90,14 @@ FC_HOST_DEVICE inline std::int64_t round_to_int64(float x) {
   return std::llrint(x);
 #endif
 }
+// Likewise; the caller keeps |x| below 2^31. Much cheaper than 64 bits on a GPU.
+FC_HOST_DEVICE inline std::int32_t round_to_int32(float x) {
+#if defined(__CUDA_ARCH__)
+  return __float2int_rn(x);
+#else
+  return static_cast<std::int32_t>(std::lrint(x));
+#endif
+}
 FC_HOST_DEVICE inline std::int64_t round_to_int64(double x) {
 #if defined(__CUDA_ARCH__)
   return __double2ll_rn(x);
@@ -87,6 +105,11 @@ FC_HOST_DEVICE inline std::int64_t round_to_int64(double x) {
   return std::llrint(x);
 #endif
 }
+
+#if defined(__CUDACC__)
+template <class Word>  // as CUDA's atomics name it
+using CudaWord = std::conditional_t<sizeof(Word) == 8, unsigned long long, unsigned int>;
+#endif
 
 // Lowers *target to value, from any thread at once. Which thread comes last never matters: the smallest value wins.
 FC_HOST_DEVICE inline void atomic_min(std::uint64_t* target, std::uint64_t value) {
@@ -102,29 +125,39 @@ FC_HOST_DEVICE inline void atomic_min(std::uint64_t* target, std::uint64_t value
 #endif
 }
 
-// Raises *target to value, likewise. Looks first: most values are below what is there.
-FC_HOST_DEVICE inline void atomic_max(std::uint64_t* target, std::uint64_t value) {
+// Likewise: raises *target to value; adds to it and returns what it was. Integers of 32 or 64 bits, whose sum needs no
+// order either.
+template <class Word>
+FC_HOST_DEVICE inline void atomic_max(Word* target, Word value) {
 #if defined(__CUDA_ARCH__)
-  if (value <= *static_cast<volatile std::uint64_t*>(target)) return;
-  atomicMax(reinterpret_cast<unsigned long long*>(target), static_cast<unsigned long long>(value));
+  if (value <= *static_cast<volatile Word*>(target)) return;  // most values are below what is there
+  atomicMax(reinterpret_cast<CudaWord<Word>*>(target), static_cast<CudaWord<Word>>(value));
 #elif !defined(__CUDACC__)
-  std::atomic_ref<std::uint64_t> shared(*target);
-  std::uint64_t seen = shared.load(std::memory_order_relaxed);
+  std::atomic_ref<Word> shared(*target);
+  Word seen = shared.load(std::memory_order_relaxed);
   while (value > seen && !shared.compare_exchange_weak(seen, value, std::memory_order_relaxed)) {
   }
 #else
   if (value > *target) *target = value;  // host pass of nvcc: compiled, never run
 #endif
 }
-
-// Adds 1 to *target, from any thread at once: a sum of integers needs no order.
-FC_HOST_DEVICE inline void atomic_count(std::uint64_t* target) {
+template <class Word>
+FC_HOST_DEVICE inline Word atomic_add(Word* target, Word value) {
 #if defined(__CUDA_ARCH__)
-  atomicAdd(reinterpret_cast<unsigned long long*>(target), 1ull);
+  return atomicAdd(reinterpret_cast<CudaWord<Word>*>(target), static_cast<CudaWord<Word>>(value));
 #elif !defined(__CUDACC__)
-  std::atomic_ref<std::uint64_t>(*target).fetch_add(1, std::memory_order_relaxed);
+  return std::atomic_ref<Word>(*target).fetch_add(value, std::memory_order_relaxed);
 #else
-  ++*target;  // host pass of nvcc: compiled, never run
+  return *target += value;  // host pass of nvcc: compiled, never run
+#endif
+}
+
+// The lowest of the bits that are set; there is one.
+FC_HOST_DEVICE inline int lowest_bit(std::uint32_t bits) {
+#if defined(__CUDA_ARCH__)
+  return __ffs(static_cast<int>(bits)) - 1;
+#else
+  return std::countr_zero(bits);
 #endif
 }
 

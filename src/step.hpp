@@ -2,6 +2,7 @@
 #pragma once
 
 #include "fastcollide/world.hpp"
+#include "frame_parameters.hpp"
 #include "stage_timer.hpp"
 #include "stages/advance.hpp"
 #include "stages/apply_contacts.hpp"
@@ -11,13 +12,6 @@
 #include "stages/solve_contacts.hpp"
 
 namespace fastcollide {
-
-struct FrameParameters {
-  Solver solver;
-  int iterations;
-  SolverScales scales;
-  Substep substep;  // the reference solver's is a frame
-};
 
 template <Backend B>
 struct Scratch {
@@ -35,11 +29,11 @@ void simulate_reference_frame(B& backend, const FrameParameters& frame, Bodies<B
                               StageTimer& timer) {
   const Substep& step = frame.substep;
   Watch* watch = scratch.watch.data();
-  timer.time(backend, "advance",
+  timer.time(backend, Stage::advance,
              [&] { advance(backend, step.flight, step.box, step.wall, step.frame, bodies, watch); });
   for (int iteration = 0; iteration < frame.iterations; ++iteration) {
-    timer.time(backend, "build_grid", [&] { build_grid(backend, bodies, nullptr, scratch.grid); });
-    timer.time(backend, "solve_contacts", [&] {
+    timer.time(backend, Stage::build_grid, [&] { build_grid(backend, bodies, nullptr, scratch.grid); });
+    timer.time(backend, Stage::solve_contacts, [&] {
       solve_contacts(backend, frame.scales, step.box, step.frame, scratch.grid, bodies, &watch->first_fault);
     });
   }
@@ -52,12 +46,12 @@ void simulate_substep_frame(B& backend, const FrameParameters& frame, Bodies<B>&
                             StageTimer& timer) {
   Watch* watch = scratch.watch.data();
   for (int substep = 0; substep < frame.iterations; ++substep) {
-    timer.time(backend, "build_grid",
+    timer.time(backend, Stage::build_grid,
                [&] { build_grid(backend, bodies, scratch.substep.crowding.data(), scratch.grid); });
-    timer.time(backend, "gather_contacts", [&] {
+    timer.time(backend, Stage::gather_contacts, [&] {
       gather_contacts(backend, frame.substep, scratch.grid, bodies, scratch.substep, &watch->first_fault);
     });
-    timer.time(backend, "apply_contacts",
+    timer.time(backend, Stage::apply_contacts,
                [&] { apply_contacts(backend, frame.substep, scratch.grid, bodies, scratch.substep, watch); });
   }
 }

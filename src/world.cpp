@@ -165,7 +165,7 @@ void World::set_timed(bool timed) {
 
 std::map<std::string, double> World::stage_times() const {
   const Turn turn(*engine_);
-  return engine_->timer.seconds;
+  return engine_->timer.seconds();
 }
 
 Spheres random_spheres(const RandomSpheres& random, const std::string& device) {

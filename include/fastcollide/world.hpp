@@ -21,6 +21,9 @@ enum class Field : std::uint8_t;
 // substep: stable at rest and in dense flow; reference: the report's summed loop, kept as a yardstick.
 enum class Solver { substep, reference };
 
+// How neighbours are found; no result depends on it. cells: a grid for every pass; list: lists that hold for several.
+enum class Method { automatic, cells, list };
+
 struct WorldOptions {
   std::array<float, 3> lower{-10, -10, 0}, upper{10, 10, 20};  // the box [m]
   std::array<Boundary, 3> boundary{};                          // of each axis; an open one needs no bounds
@@ -36,7 +39,8 @@ struct WorldOptions {
   float cell_size = 0;          // edge of a grid cell [m]; 0: the smallest that misses no contact
   std::string device = "auto";  // "auto", "cpu", "cuda", "cuda:N"
   int threads = 0;              // of the CPU; 0: all
-  int block_size = 128;         // of CUDA, a multiple of 32 up to 512; no result depends on it
+  Method method = Method::automatic;
+  int block_size = 128;  // of CUDA, a multiple of 32 up to 512; no result depends on it
 };
 
 // Memory of a world as seen from outside, in the order of the ids. It stays valid while `owner` is held; after add() it

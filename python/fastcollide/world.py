@@ -61,7 +61,8 @@ class World:
     "reference"; iterations: contact passes a frame; cell_size: edge of a grid cell
     [m], at least the largest diameter (None: as small as that allows; no result depends on it); device: "cpu", "cuda",
     "cuda:N" or "auto" (a GPU if there is one, see `device`); threads: of the CPU (None: all);
-    block_size: of CUDA launches, a multiple of 32 up to 512.
+    method: how neighbours are found, which changes no result: "cells" (a new grid for every pass, simple), "list" (lists
+    that hold for several passes) or "auto" (the fastest); block_size: of CUDA launches, a multiple of 32 up to 512.
 
     The state after k frames is a function of the scene alone: the same bits on every device, at any number of threads.
 
@@ -83,6 +84,7 @@ class World:
         device: str = "auto",
         threads: int | None = None,
         *,
+        method: str = "auto",
         block_size: int = 128,
     ) -> None:
         if solver not in SOLVERS:
@@ -107,6 +109,7 @@ class World:
             cell_size=cell_size or 0.0,
             device=device,
             threads=threads or 0,
+            method=method,
             block_size=block_size,
         )
 

@@ -42,6 +42,7 @@ concept Backend = requires(B backend, typename B::template Buffer<std::uint32_t>
   { backend.transform_reduce(n, ConceptProbeValue{}, std::int64_t(0), Sum{}) } -> std::same_as<std::int64_t>;
   // Replaces each of the n counts by the sum of those before it, and counts[n], one past the last, by the total.
   backend.exclusive_scan(counts, n);
+  backend.exclusive_scan(words, n);
   // Stable sort of (key, value) by the lowest `bits` of the key.
   backend.sort_pairs(static_cast<const std::uint32_t*>(words), words, static_cast<const std::uint32_t*>(words), words,
                      n, bits);
@@ -53,6 +54,10 @@ concept Backend = requires(B backend, typename B::template Buffer<std::uint32_t>
   backend.synchronize();
   { backend.cuda_device() } -> std::same_as<int>;  // where buffers lie: -1 is host memory
   { B::frames_between_checks } -> std::convertible_to<std::int64_t>;
+  // Lists that are walked at the same time, and so better lie interleaved.
+  { B::list_width } -> std::convertible_to<std::uint32_t>;
+  // Whether there is run_on_whole_grid<lanes>(n, program): see backend/grid_run.cuh.
+  { B::has_whole_grid } -> std::convertible_to<bool>;
 };
 
 }  // namespace fastcollide

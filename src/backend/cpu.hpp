@@ -57,6 +57,8 @@ class CpuBackend {
   };
 
   static constexpr std::int64_t frames_between_checks = 1;
+  static constexpr std::uint32_t list_width = 1;
+  static constexpr bool has_whole_grid = false;
 
   explicit CpuBackend(int threads) : threads_(threads) {}
   static int cuda_device() { return -1; }
@@ -81,20 +83,21 @@ class CpuBackend {
     return value;
   }
 
-  void exclusive_scan(std::int64_t* counts, std::int64_t n) {
+  template <class Count>
+  void exclusive_scan(Count* counts, std::int64_t n) {
     const std::size_t slabs = static_cast<std::size_t>(slab_count(n));
-    std::vector<std::int64_t> offset(slabs + 1, 0);
+    std::vector<Count> offset(slabs + 1, 0);
     for_each_slab(n, [&](int slab, std::int64_t begin, std::int64_t end) {
-      std::int64_t sum = 0;
+      Count sum = 0;
       for (std::int64_t i = begin; i < end; ++i) sum += counts[i];
       offset[static_cast<std::size_t>(slab) + 1] = sum;
     });
     for (std::size_t slab = 0; slab < slabs; ++slab) offset[slab + 1] += offset[slab];
-    const std::int64_t total = offset.back();
+    const Count total = offset.back();
     for_each_slab(n, [&](int slab, std::int64_t begin, std::int64_t end) {
-      std::int64_t sum = offset[static_cast<std::size_t>(slab)];
+      Count sum = offset[static_cast<std::size_t>(slab)];
       for (std::int64_t i = begin; i < end; ++i) {
-        const std::int64_t value = counts[i];
+        const Count value = counts[i];
         counts[i] = sum;
         sum += value;
       }

@@ -5,17 +5,21 @@
 #include <thrust/iterator/counting_iterator.h>
 
 #include <algorithm>
+#include <array>
+#include <chrono>
 #include <cstdint>
 #include <cub/device/device_radix_sort.cuh>
 #include <cub/device/device_reduce.cuh>
 #include <cub/device/device_scan.cuh>
 #include <memory>
+#include <numeric>
 #include <string>
 #include <type_traits>
 
 #include "../math.hpp"
 #include "concept.hpp"
 #include "fastcollide/errors.hpp"
+#include "grid_run.cuh"
 
 namespace fastcollide {
 
@@ -102,6 +106,8 @@ class CudaBackend {
   };
 
   static constexpr std::int64_t frames_between_checks = 16;
+  static constexpr std::uint32_t list_width = 32;
+  static constexpr bool has_whole_grid = true;
 
   explicit CudaBackend(int device, int block_size = 128) : device_(device), block_size_(block_size) {
     const OnDevice on(device_);
@@ -122,6 +128,42 @@ class CudaBackend {
     check(cudaGetLastError(), "kernel launch");
   }
 
+  // Runs a program, a struct with `template <class Run> void operator()(Run&) const`, on the whole GPU in one kernel.
+  // n: most elements of a stage; small programs use few blocks, which wait for each other sooner.
+  template <int lanes, class Program>
+  void run_on_whole_grid(std::int64_t n, const Program& program, StageTimer& timer) {
+    const OnDevice on(device_);
+    int blocks_each = 0, multiprocessors = 0;
+    const auto kernel = run_on_grid<lanes, Program>;
+    check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&blocks_each, kernel, grid_run_threads, 0), "occupancy");
+    check(cudaDeviceGetAttribute(&multiprocessors, cudaDevAttrMultiProcessorCount, device_), "multiprocessors");
+    const std::int64_t most = std::int64_t(blocks_each) * multiprocessors;
+    const std::int64_t blocks =
+        std::clamp<std::int64_t>((n * lanes + grid_run_threads - 1) / grid_run_threads, 1, most);
+    if (block_totals_ == nullptr)
+      block_totals_ = allocate_on_device(device_, std::size_t(most) * sizeof(std::uint32_t));
+    std::uint32_t* block_totals = static_cast<std::uint32_t*>(block_totals_.get());
+    std::uint64_t* ticks = nullptr;
+    const auto start = std::chrono::steady_clock::now();
+    if (timer.enabled) {
+      if (ticks_ == nullptr) ticks_ = allocate_on_device(device_, stage_names.size() * sizeof(std::uint64_t));
+      ticks = static_cast<std::uint64_t*>(ticks_.get());
+      fill_zero(ticks, stage_names.size());
+    }
+    void* arguments[] = {const_cast<Program*>(&program), &block_totals, &ticks};
+    check(cudaLaunchCooperativeKernel(reinterpret_cast<const void*>(kernel), static_cast<unsigned>(blocks),
+                                      grid_run_threads, arguments, 0, stream_.get()),
+          "cooperative launch");
+    if (!timer.enabled) return;
+    std::array<std::uint64_t, stage_names.size()> shares{};
+    copy_to_host(shares.data(), static_cast<const std::uint64_t*>(ticks), shares.size());
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    const auto all = static_cast<double>(std::accumulate(shares.begin(), shares.end(), std::uint64_t(1)));
+    for (std::size_t i = 0; i < shares.size(); ++i) {
+      timer.add(static_cast<Stage>(i), seconds * static_cast<double>(shares[i]) / all);
+    }
+  }
+
   template <class F, class T, class Operation>
   T transform_reduce(std::int64_t n, const F& f, T identity, Operation combine) {
     if (n == 0) return identity;
@@ -137,7 +179,8 @@ class CudaBackend {
     return value;
   }
 
-  void exclusive_scan(std::int64_t* counts, std::int64_t n) {
+  template <class Count>
+  void exclusive_scan(Count* counts, std::int64_t n) {
     const OnDevice on(device_);
     fill_zero(counts + n, 1);
     with_scratch("scan", [&](void* scratch, std::size_t& bytes) {
@@ -206,7 +249,9 @@ class CudaBackend {
 
   int device_, block_size_;
   std::shared_ptr<CUstream_st> stream_;
-  std::shared_ptr<void> result_;  // of the last reduction
+  std::shared_ptr<void> result_;        // of the last reduction
+  std::shared_ptr<void> block_totals_;  // of a program on the whole grid
+  std::shared_ptr<void> ticks_;
   std::shared_ptr<void> scratch_;
   std::size_t scratch_bytes_ = 0;
 };

@@ -48,6 +48,23 @@ FC_HOST_DEVICE inline CellRange adjacent_cells(int cell, const GridAxis& axis) {
   return axis.cells < 3 ? CellRange{0, axis.cells} : CellRange{cell == 0 ? axis.cells - 1 : cell - 1, 3};
 }
 
+// The cells of all coordinates from x - reach to x + reach, each once. Floor and its argument never decrease with x, so
+// only the rounding of the two ends has to be made up for.
+FC_HOST_DEVICE inline CellRange cells_within(float x, float reach, const GridAxis& axis) {
+  const float extent = static_cast<float>(axis.cells) / axis.inverse_edge;
+  const float wide = reach + 2e-6f * (fabsf(x - axis.origin) + reach + extent);
+  const float first = floorf((x - wide - axis.origin) * axis.inverse_edge);
+  const float last = floorf((x + wide - axis.origin) * axis.inverse_edge);
+  if (axis.boundary == Boundary::wall) {
+    const float end = static_cast<float>(axis.cells - 1);
+    const int from = static_cast<int>(clamp(first, 0.0f, end)), to = static_cast<int>(clamp(last, 0.0f, end));
+    return {from, to - from + 1};
+  }
+  if (!(last - first + 1.0f < static_cast<float>(axis.cells))) return {0, axis.cells};
+  const int wrapped = static_cast<int>(clamp(first, -1e9f, 1e9f)) % axis.cells;
+  return {wrapped < 0 ? wrapped + axis.cells : wrapped, static_cast<int>(last - first) + 1};
+}
+
 FC_HOST_DEVICE inline int cell_in_range(const CellRange& range, int i, const GridAxis& axis) {
   const int cell = range.first + i;
   return cell < axis.cells ? cell : cell - axis.cells;

@@ -23,23 +23,23 @@ FC_HOST_DEVICE inline void add(CrowdingSum& sum, const CrowdingSum& other) {
   sum.yz += other.yz;
 }
 
-// Weights are at most (1 + sqrt 2) / 2.
-inline FixedPoint crowding_scale() { return fixed_point_for(2.0f); }
+// A weight is at most (1 + sqrt 2) / 2, so a term fits in 32 bits; a sum of them gets 64.
+inline constexpr float crowding_scale = 0x1p30f;
 
-FC_HOST_DEVICE inline void add_contact(CrowdingSum& sum, Vec3 normal, float weight, FixedPoint fixed) {
-  const Vec3 weighted = normal * weight;
-  add_exactly(sum.xx, weighted.x * normal.x, fixed);
-  add_exactly(sum.yy, weighted.y * normal.y, fixed);
-  add_exactly(sum.zz, weighted.z * normal.z, fixed);
-  add_exactly(sum.xy, weighted.x * normal.y, fixed);
-  add_exactly(sum.xz, weighted.x * normal.z, fixed);
-  add_exactly(sum.yz, weighted.y * normal.z, fixed);
+FC_HOST_DEVICE inline void add_contact(CrowdingSum& sum, Vec3 normal, float weight) {
+  const Vec3 weighted = normal * (weight * crowding_scale);
+  sum.xx += round_to_int32(weighted.x * normal.x);
+  sum.yy += round_to_int32(weighted.y * normal.y);
+  sum.zz += round_to_int32(weighted.z * normal.z);
+  sum.xy += round_to_int32(weighted.x * normal.y);
+  sum.xz += round_to_int32(weighted.x * normal.z);
+  sum.yz += round_to_int32(weighted.y * normal.z);
 }
 
 // q + 2 p with q = tr Q / 3, p² = |Q - q I|² / 6: the closed form of the largest eigenvalue of a symmetric 3×3 matrix
 // is q + 2 p cos φ (Smith, "Eigenvalues of a symmetric 3×3 matrix", CACM 4, 1961); without the cosine it is a bound.
-FC_HOST_DEVICE inline float crowding_of(const CrowdingSum& sum, FixedPoint fixed) {
-  const auto value = [fixed](std::int64_t s) { return static_cast<float>(s) * fixed.unit; };
+FC_HOST_DEVICE inline float crowding_of(const CrowdingSum& sum) {
+  const auto value = [](std::int64_t s) { return static_cast<float>(s) * (1.0f / crowding_scale); };
   const float xx = value(sum.xx), yy = value(sum.yy), zz = value(sum.zz);
   const float xy = value(sum.xy), xz = value(sum.xz), yz = value(sum.yz);
   const float mean = (xx + yy + zz) * (1.0f / 3.0f);

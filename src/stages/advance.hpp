@@ -1,43 +1,58 @@
 // The reference solver: free flight of every sphere through one frame, and the six walls.
 #pragma once
 
-#include "../data.hpp"
 #include "../physics/integrate.hpp"
 #include "../physics/wall.hpp"
+#include "neighbors.hpp"
 
 namespace fastcollide {
 
-struct Advance {
+struct AdvanceSphere {
   Flight flight;
   Box box;
   WallMaterial wall;
   std::uint32_t frame;
+  Watch* watch;
+
+  // True when the sphere is where it can be; else nothing is changed and the fault is told.
+  FC_HOST_DEVICE bool operator()(std::uint32_t id, float radius, float mass, float restitution, Vec3& position,
+                                 Vec3& velocity) const {
+    Vec3 next = position, next_velocity = velocity;
+    const bool is_free = !is_fixed(mass);
+    if (is_free) {
+      fly(next, next_velocity, flight);
+    } else {
+      next = next + velocity * flight.dt;
+    }
+    if (!is_finite(next) || !is_finite(next_velocity)) {
+      atomic_min(&watch->first_fault, fault_word(frame, id, FaultKind::not_finite));
+      return false;
+    }
+    if (!is_in_reach(next, radius, box)) {
+      atomic_min(&watch->first_fault, fault_word(frame, id, FaultKind::out_of_reach));
+      return false;
+    }
+    watch_flight(watch, id, next - position, radius);
+    if (is_free) collide_with_walls(next, next_velocity, radius, restitution, box, wall);
+    position = place_in_box(next, radius, mass, box);
+    velocity = next_velocity;
+    return true;
+  }
+};
+
+struct AdvanceBodies {
+  AdvanceSphere advance;
   const float* radii;
   const float* masses;
   const float* restitutions;
   Vec3* positions;
   Vec3* velocities;
-  Watch* watch;
 
   FC_HOST_DEVICE void operator()(std::int64_t i) const {
     Vec3 position = positions[i], velocity = velocities[i];
-    const bool is_free = !is_fixed(masses[i]);
-    if (is_free) {
-      fly(position, velocity, flight);
-    } else {
-      position = position + velocity * flight.dt;
-    }
-    if (!is_finite(position) || !is_finite(velocity)) {
-      atomic_min(&watch->first_fault, fault_word(frame, static_cast<std::uint32_t>(i), FaultKind::not_finite));
-      return;
-    }
-    if (!is_in_reach(position, radii[i], box)) {
-      atomic_min(&watch->first_fault, fault_word(frame, static_cast<std::uint32_t>(i), FaultKind::out_of_reach));
-      return;
-    }
-    watch_flight(watch, position - positions[i], radii[i]);
-    if (is_free) collide_with_walls(position, velocity, radii[i], restitutions[i], box, wall);
-    positions[i] = place_in_box(position, radii[i], masses[i], box);
+    const auto id = static_cast<std::uint32_t>(i);
+    if (!advance(id, radii[i], masses[i], restitutions[i], position, velocity)) return;
+    positions[i] = position;
     velocities[i] = velocity;
   }
 };
@@ -45,9 +60,12 @@ struct Advance {
 template <Backend B>
 void advance(B& backend, const Flight& flight, const Box& box, const WallMaterial& wall, std::uint32_t frame,
              Bodies<B>& bodies, Watch* watch) {
-  backend.for_each(bodies.count(),
-                   Advance{flight, box, wall, frame, bodies.radii.data(), bodies.masses.data(),
-                           bodies.restitutions.data(), bodies.positions.data(), bodies.velocities.data(), watch});
+  backend.for_each(bodies.count(), AdvanceBodies{{flight, box, wall, frame, watch},
+                                                 bodies.radii.data(),
+                                                 bodies.masses.data(),
+                                                 bodies.restitutions.data(),
+                                                 bodies.positions.data(),
+                                                 bodies.velocities.data()});
 }
 
 }  // namespace fastcollide

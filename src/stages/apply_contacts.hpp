@@ -44,12 +44,13 @@ struct ApplyContacts {
   FC_HOST_DEVICE void end_flight(std::int64_t slot, const Sphere& self, Vec3 position, Vec3 velocity, Vec3 spin) const {
     if (!is_finite(position) || !is_finite(velocity)) {
       atomic_min(&watch->first_fault, fault_word(substep.frame, self.id, FaultKind::not_finite));
-      return;
+      position = self.position;  // where it can be, until the end of the frame tells
+      velocity = {0.0f, 0.0f, 0.0f};
     }
     if (!is_in_reach(position, self.radius, substep.box)) {
       atomic_min(&watch->first_fault, fault_word(substep.frame, self.id, FaultKind::out_of_reach));
     }
-    watch_flight(watch, position - self.position, self.radius);
+    watch_flight(watch, self.id, position - self.position, self.radius);
     const float smallest_distance = self.radius * (1.0f - deepest_push_in_radii);  // from a wall
     output.write(slot, self, place_in_box(position, smallest_distance, self.mass, substep.box), velocity, spin);
   }

@@ -8,7 +8,6 @@ namespace fastcollide {
 template <class Neighbors, class Output>
 struct GatherContacts {
   Substep substep;
-  FixedPoint fixed;
   GridView grid;
   Neighbors neighbors;
   Output output;
@@ -35,6 +34,7 @@ struct GatherContacts {
     Approach fastest;
     std::uint32_t contacts = 0, out_of_range = 0;
 
+    FC_HOST_DEVICE bool is_empty() const { return contacts == 0; }
     FC_HOST_DEVICE void combine(const Sum& other) {
       add(change, other.change);
       add(turned, other.turned);
@@ -89,7 +89,7 @@ struct GatherContacts {
                                              law.rolling_friction, part));
       }
       const float weight = mass_weight(self.mass, neighbor.mass) * load_weight(pushed_depth, law);
-      add_contact(sum.crowd, pair.contact.normal, weight, fixed);
+      add_contact(sum.crowd, pair.contact.normal, weight);
     };
     neighbors.visit(grid, slot, self.position, lane, visit);
     if (lane.index == 0 && law.gravity > 0.0f) gather_walls(self, own_crowding, spin, sum);
@@ -105,7 +105,8 @@ struct GatherContacts {
       if (crowding <= 0.0f && approach_before_gravity < -law.impact_speed) return;  // an impact: see ApplyContacts
       const float closing = depth / law.substep - approach;  // > 0: in touch at the end of the substep
       if (depth <= 0.0f && closing <= 0.0f) return;
-      add_contact(sum.crowd, normal, load_weight(larger(depth, 0.0f), law), fixed);
+      ++sum.contacts;
+      add_contact(sum.crowd, normal, load_weight(larger(depth, 0.0f), law));
       const float part = 1.0f / larger(1.0f, crowding);
       const float speed =
           (depth > 0.0f ? resting_speed_change(depth, approach, self.radius, crowding, law) : closing) * part;
@@ -131,7 +132,7 @@ struct GatherContacts {
     }
     velocity_change[slot] = value_of(sum.change, substep.velocity_scale);
     if (turn != nullptr) turn[slot] = value_of(sum.turned, substep.velocity_scale);
-    output.write_crowding(slot, self, crowding_of(sum.crowd, fixed));
+    output.write_crowding(slot, self, crowding_of(sum.crowd));
     pick[slot] = is_fixed(self.mass) ? pick_of_fixed : sum.fastest.slot;
   }
 
@@ -157,7 +158,6 @@ void gather_contacts(B& backend, const Substep& substep, const Grid<B>& grid, Bo
   scratch.pick.resize(bodies.count());
   scratch.turn.resize(bodies.is_rough ? bodies.count() : 0);
   backend.for_each(bodies.count(), GatherContacts<CellNeighbors, ToBodies>{substep,
-                                                                           crowding_scale(),
                                                                            view_of(grid),
                                                                            {},
                                                                            to_bodies(bodies, scratch),

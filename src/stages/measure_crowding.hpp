@@ -7,7 +7,6 @@ namespace fastcollide {
 
 struct MeasureCrowding {
   SoftContactLaw law;
-  FixedPoint fixed;
   Box box;
   GridView grid;
   float* crowding;
@@ -25,15 +24,15 @@ struct MeasureCrowding {
       const PairGeometry pair = pair_geometry(self, neighbor, grid.period);
       if (pair.contact.depth <= 0.0f || pair.normal_velocity < -law.impact_speed) return;
       const float weight = mass_weight(self.mass, neighbor.mass) * load_weight(pair.contact.depth, law);
-      add_contact(sum, pair.contact.normal, weight, fixed);
+      add_contact(sum, pair.contact.normal, weight);
     };
     visit_neighbor_cells(grid, slot, self.position, visit);
     auto visit_wall = [&](Vec3 normal, float depth, bool) {
       if (depth <= 0.0f || dot(self.velocity, normal) < -law.impact_speed) return;
-      add_contact(sum, normal, load_weight(depth, law), fixed);
+      add_contact(sum, normal, load_weight(depth, law));
     };
     visit_walls(self.position, self.radius, box, visit_wall);
-    crowding[self.id] = crowding_of(sum, fixed);
+    crowding[self.id] = crowding_of(sum);
   }
 };
 
@@ -43,7 +42,7 @@ void measure_crowding(B& backend, const SoftContactLaw& law, const Box& box, con
   const std::int64_t count = grid.ids.size();
   scratch.crowding.resize(count);
   if (law.gravity == 0.0f) return backend.fill_zero(scratch.crowding.data(), count);
-  backend.for_each(count, MeasureCrowding{law, crowding_scale(), box, view_of(grid), scratch.crowding.data()});
+  backend.for_each(count, MeasureCrowding{law, box, view_of(grid), scratch.crowding.data()});
 }
 
 }  // namespace fastcollide

@@ -1,6 +1,7 @@
 // Where a contact pass finds the spheres near one, and where it writes what became of it.
 #pragma once
 
+#include "../backend/lane.hpp"
 #include "../data.hpp"
 
 namespace fastcollide {
@@ -26,11 +27,6 @@ FC_HOST_DEVICE inline void visit_neighbor_cells(const GridView& grid, std::int64
     }
   }
 }
-
-// Several lanes of a GPU may share the work on one sphere; each visits its part.
-struct Lane {
-  int index = 0, count = 1;
-};
 
 // How a contact pass is run: as two steps, so that lanes can add up what they gathered in between.
 template <class Pass>

@@ -31,6 +31,7 @@ struct SolveContacts {
     ExactSum3 displacement, velocity_change;
     std::uint32_t contacts = 0, out_of_range = 0;
 
+    FC_HOST_DEVICE bool is_empty() const { return contacts == 0; }
     FC_HOST_DEVICE void combine(const Sum& other) {
       add(displacement, other.displacement);
       add(velocity_change, other.velocity_change);

@@ -148,7 +148,7 @@ def test_repr(device):
 
 
 def test_stage_times(device, solver):
-    world = fc.World(device=device, solver=solver)
+    world = fc.World(device=device, solver=solver, method="list")
     world.add(fc.random_spheres(2000))
     world.step(2)
     assert not any(world.stage_times.values())
@@ -157,7 +157,7 @@ def test_stage_times(device, solver):
     assert world.timed
     once = dict(world.stage_times)
     names = {"substep": {"gather_contacts", "apply_contacts"}, "reference": {"advance", "solve_contacts"}}[solver]
-    assert set(once) == {"build_grid"} | names
+    assert set(once) == {"load", "build_grid", "make_lists", "store"} | names
     assert all(seconds > 0 for seconds in once.values())
     world.step(2)
     assert all(world.stage_times[name] > seconds for name, seconds in once.items())

@@ -1,0 +1,12 @@
+#pragma once
+
+#include "../math.hpp"
+
+namespace fastcollide {
+
+// Several lanes of a GPU may share the work on one sphere; each does its part.
+struct Lane {
+  int index = 0, count = 1;
+};
+
+}  // namespace fastcollide

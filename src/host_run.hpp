@@ -1,0 +1,46 @@
+// Runs stages one after the other on a backend, each with its time.
+#pragma once
+
+#include "backend/concept.hpp"
+#include "stage_timer.hpp"
+
+namespace fastcollide {
+
+template <Backend B>
+class HostRun {
+ public:
+  HostRun(B& backend, StageTimer& timer) : backend_(backend), timer_(timer) {}
+
+  template <class F>
+  void for_each(Stage stage, std::int64_t n, const F& f) {
+    timer_.time(backend_, stage, [&] { backend_.for_each(n, f); });
+  }
+  template <class Pass>
+  void for_each_sphere(Stage stage, std::int64_t n, const Pass& pass) {
+    for_each(stage, n, pass);
+  }
+  template <class F>
+  void alone(const F& f) {
+    backend_.for_each(1, f);
+  }
+  // Writes the sum of the counts before each one, n + 1 in all, and leaves the counts at zero.
+  void exclusive_scan(Stage stage, std::uint32_t* counts, std::uint32_t* sums, std::int64_t n) {
+    timer_.time(backend_, stage, [&] {
+      backend_.copy(sums, static_cast<const std::uint32_t*>(counts), n);
+      backend_.exclusive_scan(sums, n);
+      backend_.fill_zero(counts, n);
+    });
+  }
+  template <class T>
+  T read(const T* word) {
+    T value;
+    backend_.copy_to_host(&value, word, 1);
+    return value;
+  }
+
+ private:
+  B& backend_;
+  StageTimer& timer_;
+};
+
+}  // namespace fastcollide

@@ -1,0 +1,123 @@
+// From the bodies to the slots and back, and the slots in the order of their cells.
+#pragma once
+
+#include "neighbor_lists.hpp"
+
+namespace fastcollide {
+
+// The bodies as plain pointers.
+struct BodyArrays {
+  Vec3* positions;
+  Vec3* velocities;
+  float* radii;
+  float* masses;
+  float* restitutions;
+  float* crowding;   // or null
+  Vec3* spins;       // or null
+  float* frictions;  // or null
+};
+
+struct LoadSlots {
+  bool is_new;  // slots that hold nothing yet
+  BodyArrays bodies;
+  SlotConstants constants;
+  SlotState state;
+  ToSlots output;  // of the same state
+
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const {
+    const std::uint32_t id = is_new ? static_cast<std::uint32_t>(slot) : constants.ids[slot];
+    const Vec3 position = bodies.positions[id], velocity = bodies.velocities[id];
+    const float radius = bodies.radii[id];
+    // The arrays are the user's: spheres may have been moved, blown up or let loose since the lists were
+    // made.
+    const bool is_other = is_new || state.position_radius[slot].w != radius ||
+                          is_fixed(constants.masses[slot]) != is_fixed(bodies.masses[id]);
+    if (is_other || output.has_left(output.built[slot], position)) output.news->is_stale = 1;
+    state.position_radius[slot] = {position.x, position.y, position.z, radius};
+    state.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, bodies.restitutions[id]};
+    constants.ids[slot] = id;
+    constants.masses[slot] = bodies.masses[id];
+    if (state.crowding != nullptr) state.crowding[slot] = bodies.crowding[id];
+    if (state.spins != nullptr) {
+      state.spins[slot] = bodies.spins[id];
+      constants.frictions[slot] = bodies.frictions[id];
+    }
+  }
+};
+
+struct StoreBodies {
+  SlotState state;
+  const std::uint32_t* ids;
+  BodyArrays bodies;
+
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const {
+    const std::uint32_t id = ids[slot];
+    const Vec4 a = state.position_radius[slot], b = state.velocity_restitution[slot];
+    bodies.positions[id] = {a.x, a.y, a.z};
+    bodies.velocities[id] = {b.x, b.y, b.z};
+    if (state.crowding != nullptr) bodies.crowding[id] = state.crowding[slot];
+    if (state.spins != nullptr) bodies.spins[id] = state.spins[slot];
+  }
+};
+
+// A counting sort by cell. Spheres of one cell may come in any order: no result depends on it.
+struct CountCells {
+  GridShape shape;
+  const Vec4* position_radius;
+  std::uint32_t* cells;
+  std::uint32_t* ranks;
+  std::uint32_t* cell_counts;
+
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const {
+    const Vec4 here = position_radius[slot];
+    const std::uint32_t cell = cell_hash(cell_of({here.x, here.y, here.z}, shape), shape);
+    cells[slot] = cell;
+    ranks[slot] = atomic_add(cell_counts + cell, 1u);
+  }
+};
+
+struct ScatterSlots {
+  const std::uint32_t* cells;
+  const std::uint32_t* ranks;
+  const std::uint32_t* cell_start;
+  SkinLaw law;
+  SlotState from, to;
+  SlotConstants from_constants, to_constants;
+  Vec4* built;
+  std::uint32_t* sorted_cells;
+
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const {
+    const std::uint32_t cell = cells[slot], place = cell_start[cell] + ranks[slot];
+    const Vec4 here = from.position_radius[slot], velocity = from.velocity_restitution[slot];
+    to.position_radius[place] = here;
+    to.velocity_restitution[place] = velocity;
+    built[place] = {here.x, here.y, here.z, law.skin_of({velocity.x, velocity.y, velocity.z})};
+    sorted_cells[place] = cell;
+    to_constants.ids[place] = from_constants.ids[slot];
+    to_constants.masses[place] = from_constants.masses[slot];
+    if (from.crowding != nullptr) to.crowding[place] = from.crowding[slot];
+    if (from.spins != nullptr) {
+      to.spins[place] = from.spins[slot];
+      to_constants.frictions[place] = from_constants.frictions[slot];
+    }
+  }
+};
+
+// What the sort makes void.
+struct ForgetNews {
+  ListControl* control;
+
+  FC_HOST_DEVICE void operator()(std::int64_t) const {
+    control->news[0] = control->news[1] = {0, 0};
+    control->longest = 0;
+  }
+};
+
+// The queue of the last pass is dealt with.
+struct ForgetQueue {
+  ListNews* news;
+
+  FC_HOST_DEVICE void operator()(std::int64_t) const { news->queued = 0; }
+};
+
+}  // namespace fastcollide
