@@ -18,10 +18,11 @@ settings = CUDA=$(FASTCOLLIDE_CUDA) for $(FASTCOLLIDE_CUDA_ARCHITECTURES), C++ c
 sources := CMakeLists.txt LICENSE README.md pyproject.toml tests/determinism/print_hash.cpp \
   $(shell find cmake include python src ! -path '*__pycache__*')
 
-.PHONY: help demo test bench lint sanitize clean always
+.PHONY: help demo test validate bench lint sanitize clean always
 help:
 	@echo "make demo      simulate 10,000 spheres for 5 s and make a video of them"
 	@echo "make test      run every test"
+	@echo "make validate  compare with the literature: gases, packings, a hopper (20 minutes on 2 cores; DEVICE=cuda)"
 	@echo "make bench     measure this machine"
 	@echo "make lint      format and check the sources"
 	@echo "make sanitize  run the engine under the address, undefined behaviour and thread sanitizers"
@@ -35,6 +36,10 @@ test: .venv/installed
 	@ctest --test-dir build/package --output-on-failure --no-tests=error
 	@echo "== Python tests"
 	@pytest
+
+# Pictures and table show what was found, in its band or not.
+validate: .venv/installed .venv/plots
+	@pytest tests/validation --device $(or $(DEVICE),cpu); found=$$?; python tools/draw_validation.py && exit $$found
 
 bench: .venv/installed
 	@fastcollide --test
@@ -79,6 +84,10 @@ clean:
 	SKBUILD_CMAKE_DEFINE="FASTCOLLIDE_BUILD_TESTS=ON;FASTCOLLIDE_CUDA=$(FASTCOLLIDE_CUDA);FASTCOLLIDE_CUDA_ARCHITECTURES=$(subst ;, ,$(FASTCOLLIDE_CUDA_ARCHITECTURES))" \
 	  pip install --quiet --no-build-isolation ".[video,test]"
 	@python -c 'import fastcollide; cuda = fastcollide.build_info().cuda; print("== Built", f"for CUDA {cuda}" if cuda else "without CUDA")'
+	@touch $@
+
+.venv/plots: .venv/installed
+	@pip install --quiet "matplotlib>=3.8"
 	@touch $@
 
 .venv/linters: .venv/created
