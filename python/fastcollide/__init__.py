@@ -4,6 +4,7 @@ from fastcollide.device_array import DeviceArray
 from fastcollide.devices import BuildInfo, Device, Limits, build_info, devices, limits
 from fastcollide.errors import DeviceError, InvalidValue, OutOfMemory, SimulationError
 from fastcollide.frames import Frame, FrameError, read_frame, write_frame
+from fastcollide.ledger import LedgerError, LedgerWriter, read_ledger
 from fastcollide.render import Camera, Renderer
 from fastcollide.spheres import Spheres, drag_from_damping, random_spheres
 from fastcollide.world import Contacts, Energy, World, to_numpy
@@ -21,6 +22,8 @@ __all__ = [
     "Frame",
     "FrameError",
     "InvalidValue",
+    "LedgerError",
+    "LedgerWriter",
     "Limits",
     "OutOfMemory",
     "Renderer",
@@ -33,6 +36,7 @@ __all__ = [
     "limits",
     "random_spheres",
     "read_frame",
+    "read_ledger",
     "to_numpy",
     "write_frame",
 ]

@@ -14,6 +14,7 @@ from rich.text import Text
 
 import fastcollide as fc
 from fastcollide.frames import FrameError
+from fastcollide.ledger import LEDGER_NAME, LedgerError
 from fastcollide.parameters import InvalidSetting
 from fastcollide.pictures import check_picture_files, make_picture_folders
 from fastcollide.render import Bounds
@@ -66,7 +67,7 @@ def guard(action: Callable[[], int]) -> int:
         return EXIT_BAD_USAGE
     except OSError as error:
         fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-    except (FrameError, fc.DeviceError, fc.SimulationError, VideoError) as error:
+    except (FrameError, LedgerError, fc.DeviceError, fc.SimulationError, VideoError) as error:
         fail(str(error))
     except MemoryError as error:
         fail(f"not enough memory: {error}")
@@ -138,6 +139,9 @@ def _show(settings: RunSettings, summary: RunSummary) -> None:
             f"; replaced {summary.replaced_frame_files:,} of an earlier run" if summary.replaced_frame_files else ""
         )
         say("frame files", f"{summary.frame_files:,} in {settings.output.resolve()}{replaced}")
+    if settings.ledger_interval:
+        share = f"{100 * summary.ledger_seconds / summary.seconds:.1f} % of the time" if summary.seconds else ""
+        say("ledger", f"{summary.ledger_rows:,} rows in {(settings.output / LEDGER_NAME).resolve()}, {share}")
     if settings.make_video:
         say("pictures", f"{summary.pictures:,}, {settings.pictures_per_second} a second")
     _show_picture_files(settings)

@@ -5,30 +5,30 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 import fastcollide as fc
 from fastcollide.frames import frame_path, remove_frames, write_frame
 from fastcollide.interrupt import StopOnInterrupt
+from fastcollide.ledger import LEDGER_NAME, LedgerWriter, check_replaceable
 from fastcollide.parameters import InvalidSetting
 from fastcollide.pictures import Painter, check_picture_files
-from fastcollide.settings import RunSettings
+from fastcollide.settings import RunSettings, SimulationSettings
 
 
 @dataclass(frozen=True)
 class RunSummary:
     """What a run did, and the state it ended in.
 
-    seconds: the whole run [s]; step_seconds: the part spent in the engine [s]; fast_spheres, safe_iterations and
-    safe_dt [s]: as the World has them.
+    seconds: the whole run [s]; step_seconds, ledger_seconds: the parts spent in the engine and for the ledger [s];
+    fast_spheres, safe_iterations and safe_dt [s]: as the World has them.
     """
 
     frames: int
     stopped_early: bool
     seconds: float
     step_seconds: float
+    ledger_seconds: float
     contacts: int
     energy: fc.Energy
     max_overlap: float
@@ -39,6 +39,7 @@ class RunSummary:
     state_hash: int
     frame_files: int
     replaced_frame_files: int
+    ledger_rows: int
     pictures: int
 
     @property
@@ -53,7 +54,7 @@ def create_world(settings: RunSettings) -> fc.World:
     Raises InvalidSetting where a file of the run stands in the place of a folder or the other way round, DeviceError
     where there is no such device, MemoryError where it is too small.
     """
-    _check_paths(settings)
+    check_paths(settings)
     drag = fc.drag_from_damping(settings.damping, settings.fps) if settings.drag is None else settings.drag
     world = fc.World(
         bounds=settings.corners,
@@ -77,46 +78,53 @@ def create_world(settings: RunSettings) -> fc.World:
         speed=settings.speed,
         restitution=settings.restitution,
         density=settings.density,
+        friction=settings.friction,
     )
-    if settings.friction > 0:
-        spheres = replace(spheres, friction=np.full(len(spheres), settings.friction, dtype=np.float32))
     world.add(spheres)
     return world
 
 
-def _check_paths(settings: RunSettings) -> None:
-    if settings.export_every and settings.output.exists() and not settings.output.is_dir():
+def check_paths(settings: SimulationSettings) -> None:
+    """Raises InvalidSetting or LedgerError where something else stands in the place of a file or folder of the run."""
+    if settings.uses_output and settings.output.exists() and not settings.output.is_dir():
         raise InvalidSetting("output", f"the file {settings.output}", "a folder, or a name that is free")
+    if settings.ledger_interval:
+        check_replaceable(settings.output / LEDGER_NAME)
     check_picture_files(settings)
 
 
-def _frames_at_once(settings: RunSettings, done: int, seconds: float) -> int:
-    """Frames until the next one that is written or drawn, but no more than the engine does in a tenth of a second:
-    the bar moves and Ctrl-C is heard, and a GPU has work ahead."""
+def _frames_at_once(settings: SimulationSettings, done: int, seconds: float) -> int:
+    """Frames until the next one that is written, measured or drawn, but no more than the engine does in a tenth of a
+    second: the bar moves and Ctrl-C is heard, and a GPU has work ahead."""
     most = max(1, int(0.1 * done / seconds)) if seconds else 1
     for ahead in range(1, min(most, settings.frames - done)):
-        if settings.is_export_due(done + ahead) or settings.is_picture_due(done + ahead):
+        if settings.is_anything_due(done + ahead):
             return ahead
     return min(most, settings.frames - done)
 
 
 def simulate(
-    world: fc.World, settings: RunSettings, on_frame: Callable[[int], None] = lambda frame: None
+    world: fc.World, settings: SimulationSettings, on_frame: Callable[[int], None] = lambda frame: None
 ) -> RunSummary:
     """Runs a fresh world to its last frame and writes what the settings ask for.
 
-    Frame files of an earlier run in the same folder are removed first. Every now and then calls
+    Frame files and the ledger of an earlier run in the same folder are replaced. Every now and then calls
     on_frame(frames done). Ctrl-C ends the run between two frames.
     """
     started = time.perf_counter()
-    step_seconds = 0.0
+    step_seconds = ledger_seconds = 0.0
     frame_files = replaced = 0
     with ExitStack() as stack:
         stop = stack.enter_context(StopOnInterrupt())
         painter = stack.enter_context(Painter(settings, world))
-        if settings.export_every:
+        if settings.uses_output:
             settings.output.mkdir(parents=True, exist_ok=True)
+        if settings.export_every:
             replaced = remove_frames(settings.output)
+        ledger = None
+        if settings.ledger_interval:
+            ledger = stack.enter_context(LedgerWriter(settings.output / LEDGER_NAME))
+            ledger.add(world)
         while world.frame < settings.frames and not stop.requested:
             step_started = time.perf_counter()
             world.step(_frames_at_once(settings, world.frame, step_seconds), dt=settings.dt)
@@ -125,15 +133,22 @@ def simulate(
                 path = frame_path(settings.output, world.frame)
                 write_frame(path, world.frame, world.time, fc.to_numpy(world.positions), fc.to_numpy(world.radii))
                 frame_files += 1
+            if ledger and settings.is_ledger_due(world.frame):
+                ledger_started = time.perf_counter()
+                ledger.add(world)
+                ledger_seconds += time.perf_counter() - ledger_started
             if settings.is_picture_due(world.frame):
                 painter.add_picture()
             on_frame(world.frame)
+        if ledger and not settings.is_ledger_due(world.frame):  # stopped early
+            ledger.add(world)
         painter.finish()
     return RunSummary(
         frames=world.frame,
         stopped_early=world.frame < settings.frames,
         seconds=time.perf_counter() - started,
         step_seconds=step_seconds,
+        ledger_seconds=ledger_seconds,
         contacts=world.contact_count(),
         energy=world.energy(),
         max_overlap=world.max_overlap(),
@@ -144,5 +159,6 @@ def simulate(
         state_hash=world.state_hash(),
         frame_files=frame_files,
         replaced_frame_files=replaced,
+        ledger_rows=ledger.rows if ledger else 0,
         pictures=painter.pictures,
     )

@@ -5,6 +5,7 @@ Command line options, menu prompts, the positional form and every check are made
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, get_args
@@ -34,9 +35,9 @@ def _about(kind: Kind, help: str, **details: Any) -> dict[str, Any]:
 
 def parameters_of(settings: type[PictureSettings]) -> dict[str, Parameter]:
     """The table of these settings; a class's own ones come before those it shares."""
-    entries = [entry for entry in fields(settings) if entry.name not in PictureSettings.__annotations__]
-    entries += fields(PictureSettings)
-    return {entry.name: Parameter(entry.name, entry.default, **entry.metadata) for entry in entries}
+    entries = {entry.name: entry for entry in fields(settings)}
+    names = [name for layer in settings.__mro__ for name in getattr(layer, "__annotations__", ())]
+    return {name: Parameter(name, entries[name].default, **entries[name].metadata) for name in names}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,13 +96,12 @@ class PictureSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunSettings(PictureSettings):
-    """All settings of one run; the defaults are the report's example.
+class SimulationSettings(PictureSettings):
+    """How long a world is simulated and what is written meanwhile: what a run from options and one of a scene share.
 
     Raises InvalidSetting where a value is outside its range or two values contradict each other.
     """
 
-    particles: int = field(default=2000, metadata=_about(Whole(1, 100_000_000), "Number of spheres."))
     frames: int = field(default=600, metadata=_about(Whole(1, 10_000_000), "Number of frames to simulate."))
     fps: int = field(
         default=60,
@@ -110,6 +110,84 @@ class RunSettings(PictureSettings):
     export_every: int = field(
         default=2, metadata=_about(Whole(0, 10_000_000), "Write a frame file after every N-th frame; 0 writes none.")
     )
+    ledger_every: int | None = field(
+        default=None,
+        metadata=_about(
+            Whole(0, 10_000_000),
+            "Write a row of ledger.csv (energy, momentum, contacts, overlap) after every N-th frame; 0 writes none.",
+            unset="every 10th, for 30 to 600 rows",
+        ),
+    )
+    output: Path = field(
+        default=Path("output"), metadata=_about(FilePath(), "Folder for the frame files and the ledger.")
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.pictures_per_second > self.fps:
+            raise InvalidSetting("video_fps", self.video_fps, f"at most fps, which is {self.fps}")
+
+    @property
+    def seconds(self) -> float:
+        """Length of the run [s]."""
+        return self.frames / self.fps
+
+    @property
+    def dt(self) -> float:
+        """Length of a frame [s]."""
+        return 1 / self.fps
+
+    @property
+    def pictures_per_second(self) -> int:
+        """Pictures per second of the video."""
+        return min(DEFAULT_VIDEO_FPS, self.fps) if self.video_fps is None else self.video_fps
+
+    def is_export_due(self, frame: int) -> bool:
+        """Whether a frame file is written after this frame (counted from 1)."""
+        return self.export_every > 0 and frame % self.export_every == 0
+
+    @property
+    def uses_output(self) -> bool:
+        """Whether anything is written into the output folder."""
+        return self.export_every > 0 or self.ledger_interval > 0
+
+    @property
+    def ledger_interval(self) -> int:
+        """Frames from one row of the ledger to the next; 0 where there is none.
+
+        A row costs about a quarter of a frame, most of it for the search for overlaps. Every tenth frame thus takes
+        2 to 3 % of a run; a short one gets 30 rows all the same, a long one no more than 600.
+        """
+        if self.ledger_every is not None:
+            return self.ledger_every
+        return max(1, min(10, self.frames // 30), math.ceil(self.frames / 600))
+
+    def is_ledger_due(self, frame: int) -> bool:
+        """Whether the ledger gets a row after this frame: the start and the last frame always, if there is a ledger."""
+        return self.ledger_interval > 0 and (frame % self.ledger_interval == 0 or frame == self.frames)
+
+    def is_picture_due(self, frame: int) -> bool:
+        """Whether the video shows the state after this frame (counted from 1).
+
+        Picture number p belongs to the first frame at or after the time p / pictures_per_second, so the
+        video plays in real time whatever the two rates are.
+        """
+        rate = self.pictures_per_second
+        return frame * rate // self.fps > (frame - 1) * rate // self.fps
+
+    def is_anything_due(self, frame: int) -> bool:
+        """Whether a frame file, a row of the ledger or a picture is due after this frame (counted from 1)."""
+        return self.is_export_due(frame) or self.is_ledger_due(frame) or self.is_picture_due(frame)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings(SimulationSettings):
+    """All settings of one run from options; the defaults are the report's example.
+
+    Raises InvalidSetting where a value is outside its range or two values contradict each other.
+    """
+
+    particles: int = field(default=2000, metadata=_about(Whole(1, 100_000_000), "Number of spheres."))
     gravity: float = field(
         default=-9.8, metadata=_about(Real(-1000, 1000), "Acceleration along z; negative pulls down.", unit="m/s²")
     )
@@ -194,44 +272,15 @@ class RunSettings(PictureSettings):
             unset="the largest diameter",
         ),
     )
-    output: Path = field(default=Path("output"), metadata=_about(FilePath(), "Folder for the frame files."))
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_pairs()
 
     @property
-    def seconds(self) -> float:
-        """Length of the run [s]."""
-        return self.frames / self.fps
-
-    @property
-    def dt(self) -> float:
-        """Length of a frame [s]."""
-        return 1 / self.fps
-
-    @property
     def corners(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Lower and upper corner of the box [m]."""
         return self.bounds[:3], self.bounds[3:]
-
-    @property
-    def pictures_per_second(self) -> int:
-        """Pictures per second of the video."""
-        return min(DEFAULT_VIDEO_FPS, self.fps) if self.video_fps is None else self.video_fps
-
-    def is_export_due(self, frame: int) -> bool:
-        """Whether a frame file is written after this frame (counted from 1)."""
-        return self.export_every > 0 and frame % self.export_every == 0
-
-    def is_picture_due(self, frame: int) -> bool:
-        """Whether the video shows the state after this frame (counted from 1).
-
-        Picture number p belongs to the first frame at or after the time p / pictures_per_second, so the
-        video plays in real time whatever the two rates are.
-        """
-        rate = self.pictures_per_second
-        return frame * rate // self.fps > (frame - 1) * rate // self.fps
 
     def _check_pairs(self) -> None:
         for name in ("radius", "restitution"):
@@ -251,8 +300,6 @@ class RunSettings(PictureSettings):
             raise InvalidSetting(
                 "cell_size", f"{self.cell_size:g}", f"at least the largest diameter, {2 * self.radius[1]:g} m"
             )
-        if self.pictures_per_second > self.fps:
-            raise InvalidSetting("video_fps", self.video_fps, f"at most fps, which is {self.fps}")
         if self.drag is not None and self.damping != PARAMETERS["damping"].default:
             raise InvalidSetting("drag", f"{self.drag:g} together with damping {self.damping:g}", "one of the two")
 

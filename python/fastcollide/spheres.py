@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,20 +44,26 @@ def random_spheres(
     restitution: tuple[float, float] = (0.3, 0.95),
     density: float = 1000.0,
     device: str = "cpu",
+    *,
+    friction: float = 0.0,
 ) -> Spheres:
     """The random start: the same bits for the same arguments, on every device.
 
     Each number is uniform between its limits and drawn by Philox4x32-10 from (seed, id): sphere i is the same in a
     world of ten as in a world of a million. Positions lie where the whole sphere is inside the bounds [m]; v_x and v_y
     in ± the first two speeds, v_z from 0 to the third [m/s]; radius (smallest, largest) [m]; density [kg/m³] gives the
-    mass density · 4/3 π r³. `device` computes it: "cpu", "cuda" or "cuda:N".
+    mass density · 4/3 π r³; friction: the Coulomb coefficient of all. `device` computes it: "cpu",
+    "cuda" or "cuda:N".
 
     Raises InvalidValue for an argument out of range, DeviceError where there is no such device.
     """
     if not 0 <= seed < 2**64:
         raise InvalidValue(f"seed: found {seed}; allowed: 0 to 2^64 - 1", "seed")
     lower, upper = corners(bounds)
-    return Spheres(*_core.random_spheres(count, lower, upper, seed, radius, speed, restitution, density, device))
+    spheres = Spheres(*_core.random_spheres(count, lower, upper, seed, radius, speed, restitution, density, device))
+    if friction == 0:
+        return spheres
+    return replace(spheres, friction=np.full(count, friction, dtype=np.float32))
 
 
 def corners(bounds: Bounds) -> tuple[list[float], list[float]]:

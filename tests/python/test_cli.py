@@ -19,7 +19,7 @@ from fastcollide.run import create_world, simulate
 from fastcollide.settings import PARAMETERS, RunSettings
 
 SMALL = ["--particles", "30", "--frames", "12", "--width", "160", "--height", "90", "--threads", "1"]
-NO_FILES = ["--no-video", "--export-every", "0"]
+NO_FILES = ["--no-video", "--export-every", "0", "--ledger-every", "0"]
 # Crowded, so that contacts, walls and floor all have their say in the last state.
 CROWDED = [*NO_FILES, "--particles", "200", "--frames", "40", "--bounds", "-2", "-2", "0", "2", "2", "3"]
 
@@ -258,6 +258,7 @@ BAD_OPTIONS = [
     ("frames", ["0"]),
     ("fps", ["10001"]),
     ("export_every", ["-1"]),
+    ("ledger_every", ["-1"]),
     ("gravity", ["nan"]),
     ("damping", ["1.5"]),
     ("drag", ["-1"]),
@@ -375,7 +376,12 @@ def test_a_full_disk_is_a_failure_that_leaves_whole_files(program, folder, monke
     assert code == 1
     assert errors.count("\n") == 1
     assert "frame_00000006.txt: No space left on device" in errors
-    assert sorted(path.name for path in folder.rglob("*")) == ["frame_00000002.txt", "frame_00000004.txt", "output"]
+    assert sorted(path.name for path in folder.rglob("*")) == [
+        "frame_00000002.txt",
+        "frame_00000004.txt",
+        "ledger.csv",
+        "output",
+    ]
 
 
 def test_a_device_that_is_not_there_is_a_failure_without_files(program, folder):

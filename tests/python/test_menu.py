@@ -101,13 +101,20 @@ def test_own_parameters_show_range_and_default_and_ask_again(menu, tmp_path):
 
     assert ended(menu) == 0
     names = sorted(path.name for path in tmp_path.rglob("*"))
-    assert names == ["frame_00000003.txt", "frame_00000006.txt", "moon"]
+    assert names == ["frame_00000003.txt", "frame_00000006.txt", "ledger.csv", "moon"]
 
 
 def test_all_parameters_with_answers_that_contradict(menu, tmp_path):
     menu.sendline("2")
     answer(menu, r"\[y/N\]: ", "y")
-    answers = {"Particles": "5", "Frames": "4", "Export every": "0", "Make video": "0", "Radius": "3 12"}
+    answers = {
+        "Particles": "5",
+        "Frames": "4",
+        "Export every": "0",
+        "Ledger every": "0",
+        "Make video": "0",
+        "Radius": "3 12",
+    }
     while True:
         menu.expect([r"\n([A-Z][a-z ]+) \[[^\]\n]*\]: ", r"(Error: radius: found 12; allowed: at most 10 m)"])
         label = menu.match[1]

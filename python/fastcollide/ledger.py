@@ -1,0 +1,140 @@
+"""The ledger of a run: energy, momentum, contacts and overlap against time, as a CSV file.
+
+One header line with the names in COLUMNS, then one line for each measured frame. Floats are written with as many digits
+as float64 needs to come back unchanged; all of them are exact sums, so two devices give the same bytes. A run that is
+killed leaves all rows but the one at hand.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastcollide.world import World
+
+LEDGER_NAME = "ledger.csv"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: its name (which ends in the unit), its type and what it holds."""
+
+    name: str
+    dtype: type
+    meaning: str
+
+
+COLUMNS = (
+    Column("frame", np.int64, "frames simulated so far"),
+    Column("time_s", np.float64, "simulated time"),
+    Column("kinetic_J", np.float64, "energy of translation"),
+    Column("rotational_J", np.float64, "energy of rotation"),
+    Column("potential_J", np.float64, "energy of height, see Energy"),
+    Column("total_J", np.float64, "the sum of the three"),
+    Column("momentum_x_Ns", np.float64, "momentum along x, in N s = kg m/s"),
+    Column("momentum_y_Ns", np.float64, "momentum along y"),
+    Column("momentum_z_Ns", np.float64, "momentum along z"),
+    Column("angular_momentum_x_Js", np.float64, "angular momentum about the origin along x, in J s = kg m²/s"),
+    Column("angular_momentum_y_Js", np.float64, "angular momentum along y"),
+    Column("angular_momentum_z_Js", np.float64, "angular momentum along z"),
+    Column("contacts", np.int64, "overlapping pairs of spheres"),
+    Column("max_overlap_m", np.float64, "deepest overlap of two spheres"),
+)
+_HEADER = ",".join(column.name for column in COLUMNS)
+_ROW = np.dtype([(column.name, column.dtype) for column in COLUMNS])
+
+
+class LedgerError(ValueError):
+    """A file is no ledger; the message names the file and what is wrong."""
+
+
+def measure(world: World) -> tuple[int | float, ...]:
+    """A row of the ledger: the numbers of a world as it is now, in the order of COLUMNS."""
+    energy = world.energy()
+    return (
+        world.frame,
+        world.time,
+        *energy,
+        energy.total,
+        *world.momentum().tolist(),
+        *world.angular_momentum().tolist(),
+        world.contact_count(),
+        world.max_overlap(),
+    )
+
+
+class LedgerWriter:
+    """Writes a ledger row by row::
+
+        with fc.LedgerWriter("ledger.csv") as ledger:
+            ledger.add(world)
+            for _ in range(60):
+                world.step(10)
+                ledger.add(world)
+
+    path: the file; a ledger of this name is replaced. Raises LedgerError where the file is something else, OSError
+    where it cannot be written.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.rows = 0
+        check_replaceable(self.path)
+        self._file = self.path.open("w", encoding="ascii", newline="\n", buffering=1)  # each line goes out whole
+        self._file.write(_HEADER + "\n")
+
+    def __enter__(self) -> LedgerWriter:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def add(self, world: World) -> None:
+        """Adds the state of a world as it is now."""
+        self._file.write(",".join(map(repr, measure(world))) + "\n")
+        self.rows += 1
+
+    def close(self) -> None:
+        """Ends the file. May be called twice."""
+        self._file.close()
+
+
+def check_replaceable(path: Path) -> None:
+    """Raises LedgerError where a file of this name is there that no run has written."""
+    if path.exists() and not _is_ledger(path.read_bytes()[: len(_HEADER) + 2]):
+        raise LedgerError(
+            f"{path}: found a file that is no ledger; it would be lost, so move it or choose another folder"
+        )
+
+
+def read_ledger(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
+    """The columns of a ledger by name, int64 or float64, shape (rows,): ``pandas.DataFrame(fc.read_ledger(folder))``.
+
+    path: the file, or the folder of a run. A last line that a killed run has not finished is left out.
+    Raises LedgerError where it is no ledger, OSError where it cannot be read.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / LEDGER_NAME
+    content = path.read_bytes()
+    if not _is_ledger(content):
+        found = content.split(b"\n", 1)[0][:80].decode(errors="replace")
+        raise LedgerError(f"{path}: found '{found}' in the first line; a ledger starts with '{_HEADER[:30]}…'")
+    lines = content.decode("ascii", errors="replace").split("\n")[1:-1]
+    rows = np.empty(len(lines), dtype=_ROW)
+    for i, line in enumerate(lines):
+        try:
+            cells = line.split(",")
+            rows[i] = tuple(column.dtype(cell) for column, cell in zip(COLUMNS, cells, strict=True))
+        except ValueError:
+            raise LedgerError(f"{path}: found '{line}' in line {i + 2}; expected {len(COLUMNS)} numbers") from None
+    return {column.name: np.ascontiguousarray(rows[column.name]) for column in COLUMNS}
+
+
+def _is_ledger(content: bytes) -> bool:
+    return content.replace(b"\r\n", b"\n").startswith(_HEADER.encode() + b"\n")
