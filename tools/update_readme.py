@@ -13,7 +13,7 @@ def parameter_table() -> str:
     lines = ["| option | what | default | allowed |", "| --- | --- | --- | --- |"]
     for parameter in PARAMETERS.values():
         if isinstance(parameter.kind, Switch):
-            lines.append(f"| `--no-{parameter.name.removeprefix('make_')}` | {parameter.help} | | |")
+            lines.append(f"| `{parameter.option}` | {parameter.help} | | |")
             continue
         option = " ".join((parameter.option, *parameter.value_names))
         lines.append(f"| `{option}` | {parameter.help} | {parameter.default_text} | {parameter.allowed} |")

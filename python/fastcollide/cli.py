@@ -16,12 +16,13 @@ from fastcollide.console import (
     EXIT_INTERRUPTED,
     fail,
     guard,
+    plot_and_report,
     render_and_report,
     run_and_report,
 )
 from fastcollide.info import print_info
 from fastcollide.menu import show_menu
-from fastcollide.parameters import ChoicePerAxis, Parameter
+from fastcollide.parameters import ChoicePerAxis, Parameter, Switch
 from fastcollide.positional import ORDER, is_positional, parse_positional
 from fastcollide.report_table import test_and_report
 from fastcollide.selftest import selftest as run_selftest
@@ -44,13 +45,13 @@ Exit codes: 0 fine, 1 failure, 2 bad usage, 130 stopped by Ctrl-C."""
 
 
 def _option(parameter: Parameter) -> Callable[[Any], Any]:
-    if parameter.name == "make_video":
+    if isinstance(parameter.kind, Switch):
         return click.option(
-            "--no-video",
+            parameter.option,
             parameter.name,
             is_flag=True,
-            help="Make no video.",
-            callback=lambda context, option, is_given: False if is_given else None,
+            help="Make no video." if parameter.default else parameter.help,
+            callback=lambda context, option, is_given: not parameter.default if is_given else None,
         )
     return click.option(
         parameter.option,
@@ -116,6 +117,18 @@ def render(folder: Path, bounds: Any, **values: Any) -> int:
     """Make a video of the frame files in FOLDER."""
     corners = (bounds[:3], bounds[3:]) if bounds else None
     return render_and_report(folder, corners, PictureSettings(**_given(values)))
+
+
+@commands.command()
+@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.option(
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Picture file, as PNG, SVG or PDF by its ending.  [default: ledger.png in FOLDER]",
+)
+def plot(folder: Path, output: Path | None) -> int:
+    """Draw the ledger of the run in FOLDER: energy, momentum, contacts and overlap against time."""
+    return plot_and_report(folder, output or folder / "ledger.png")
 
 
 @commands.command()

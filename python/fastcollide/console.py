@@ -14,12 +14,15 @@ from rich.text import Text
 
 import fastcollide as fc
 from fastcollide.frames import FrameError
-from fastcollide.ledger import LEDGER_NAME, LedgerError
+from fastcollide.ledger import LEDGER_NAME, LedgerError, read_ledger
 from fastcollide.parameters import InvalidSetting
 from fastcollide.pictures import check_picture_files, make_picture_folders
+from fastcollide.plots import MissingLibrary, check_plot_file, plot_ledger, save_plot
 from fastcollide.render import Bounds
+from fastcollide.report import Report, Source
 from fastcollide.run import RunSummary, create_world, simulate
-from fastcollide.settings import PARAMETERS, PictureSettings, RunSettings
+from fastcollide.settings import PARAMETERS, PictureSettings, RunSettings, SimulationSettings
+from fastcollide.source import source_of
 from fastcollide.video import VideoError, render_folder
 
 EXIT_FINE = 0
@@ -67,7 +70,7 @@ def guard(action: Callable[[], int]) -> int:
         return EXIT_BAD_USAGE
     except OSError as error:
         fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-    except (FrameError, LedgerError, fc.DeviceError, fc.SimulationError, VideoError) as error:
+    except (FrameError, LedgerError, MissingLibrary, fc.DeviceError, fc.SimulationError, VideoError) as error:
         fail(str(error))
     except MemoryError as error:
         fail(f"not enough memory: {error}")
@@ -79,12 +82,19 @@ def guard(action: Callable[[], int]) -> int:
 
 def run_and_report(settings: RunSettings) -> int:
     """Runs these settings in front of a person and returns the exit code."""
-    world = create_world(settings)
+    return _run(create_world(settings), settings, source_of(settings))
+
+
+def _run(world: fc.World, settings: SimulationSettings, source: Source) -> int:
     say("device", f"{world.device} ({world.device_name})")
-    say("spheres", f"{settings.particles:,}, for {settings.frames:,} frames of 1/{settings.fps} s")
+    say("spheres", f"{len(world):,}, for {settings.frames:,} frames of 1/{settings.fps} s")
+    report = Report(world, settings, source) if settings.report else None
     with progress_bar("frames", settings.frames) as show_progress:
         summary = simulate(world, settings, on_frame=lambda frame: show_progress(frame, settings.frames))
     _show(settings, summary)
+    if report:
+        report.write(summary)
+        say("report", str(report.path.resolve()))
     if not summary.stopped_early:
         return EXIT_FINE
     fail(f"stopped by Ctrl-C after {summary.frames:,} of {settings.frames:,} frames; all files are whole")
@@ -123,7 +133,17 @@ def render_and_report(folder: Path, bounds: Bounds | None, settings: PictureSett
     return EXIT_FINE
 
 
-def _show(settings: RunSettings, summary: RunSummary) -> None:
+def plot_and_report(folder: Path, output: Path) -> int:
+    """Draws the ledger of a folder in front of a person and returns the exit code."""
+    check_plot_file(output)
+    ledger = read_ledger(folder)
+    save_plot(plot_ledger(ledger, title=folder.resolve().name), output)
+    say("rows", f"{len(ledger['frame']):,}")
+    say("plot", str(output.resolve()))
+    return EXIT_FINE
+
+
+def _show(settings: SimulationSettings, summary: RunSummary) -> None:
     energy = summary.energy
     say("time", f"{summary.seconds:.2f} s, of which the simulation {summary.step_seconds:.2f} s")
     say("speed", f"{summary.frames_per_second:,.1f} FPS")

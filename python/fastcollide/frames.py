@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fastcollide import _core
+from fastcollide.files import written_beside
 
 FIRST_LINE = b"# FastCollide frame, format 1"
 _HEADER_LINES = 5
@@ -87,14 +88,8 @@ def write_frame(path: str | os.PathLike[str], frame: int, time: float, positions
         np.ascontiguousarray(positions, dtype=np.float32),
         np.ascontiguousarray(radii, dtype=np.float32),
     )
-    path = Path(path)
-    unfinished = path.with_name(path.name + ".part")
-    try:
+    with written_beside(Path(path)) as unfinished:
         unfinished.write_bytes(content)
-        os.replace(unfinished, path)
-    except BaseException:
-        unfinished.unlink(missing_ok=True)
-        raise
 
 
 def read_frame(path: str | os.PathLike[str]) -> Frame:

@@ -199,8 +199,9 @@ class Parameter:
 
     @property
     def option(self) -> str:
-        """Name on the command line."""
-        return "--" + self.name.replace("_", "-")
+        """Name on the command line. A switch has one that leaves its default: --report, --no-video."""
+        name = f"no_{self.name.removeprefix('make_')}" if self.default is True else self.name
+        return "--" + name.replace("_", "-")
 
     @property
     def allowed(self) -> str:
@@ -220,6 +221,13 @@ class Parameter:
         if isinstance(value, bool):
             return str(int(value))
         return f"{value:g}" if isinstance(value, float) else str(value)
+
+    def words(self, value: Any) -> list[str]:
+        """The words of the command line that give this value, with every digit."""
+        if isinstance(self.kind, Switch):
+            return [self.option]
+        parts = value if isinstance(value, tuple) else (value,)
+        return [self.option, *(repr(part) if isinstance(part, float) else str(part) for part in parts)]
 
     def parse(self, words: str | Sequence[str]) -> Any:
         """The value that was typed: one word, or several where value_names asks for them."""

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 import fastcollide as fc
 from fastcollide.parameters import InvalidSetting
-from fastcollide.render import Renderer
-from fastcollide.settings import PictureSettings, RunSettings
+from fastcollide.render import ColorBy, Renderer
+from fastcollide.settings import PictureSettings, SimulationSettings
 from fastcollide.video import VideoWriter, write_still
 
 
@@ -30,7 +30,7 @@ def make_picture_folders(settings: PictureSettings) -> None:
 class Painter:
     """Draws a world into the video and the still that the settings ask for, if any."""
 
-    def __init__(self, settings: RunSettings, world: fc.World) -> None:
+    def __init__(self, settings: SimulationSettings, world: fc.World) -> None:
         self.pictures = 0
         self._settings = settings
         self._world = world
@@ -41,18 +41,7 @@ class Painter:
         settings = self._settings
         if settings.picture_files:
             make_picture_folders(settings)
-            self._renderer = Renderer(
-                settings.corners,
-                width=settings.width,
-                height=settings.height,
-                supersampling=settings.supersampling,
-                camera=settings.camera,
-                color_by=settings.color_by,
-                color_range=settings.color_range,
-                color_map=settings.color_map,
-                device=self._world.device,
-                threads=settings.threads,
-            )
+            self._renderer = renderer_for(self._world, settings)
             if settings.make_video:
                 self._video = self._files.enter_context(
                     VideoWriter(
@@ -82,13 +71,34 @@ class Painter:
             write_still(self._settings.still, self._draw())
 
     def _draw(self) -> NDArray[np.uint8]:
-        world = self._world
-        return self._renderer.draw(world.positions, world.radii, self._values(), time=world.time)
+        return draw(self._renderer, self._world)
 
-    def _values(self) -> NDArray[np.float32]:
-        """What the colours show, shape (n,)."""
-        if self._settings.color_by == "speed":
-            return np.linalg.norm(fc.to_numpy(self._world.velocities), axis=1)
-        if self._settings.color_by == "radius":
-            return fc.to_numpy(self._world.radii)
-        return np.arange(len(self._world), dtype=np.float32)
+
+def renderer_for(world: fc.World, settings: PictureSettings) -> Renderer:
+    """A renderer of this world's box, on its device."""
+    return Renderer(
+        world.bounds,
+        width=settings.width,
+        height=settings.height,
+        supersampling=settings.supersampling,
+        camera=settings.camera,
+        color_by=settings.color_by,
+        color_range=settings.color_range,
+        color_map=settings.color_map,
+        device=world.device,
+        threads=settings.threads,
+    )
+
+
+def draw(renderer: Renderer, world: fc.World) -> NDArray[np.uint8]:
+    """The world as it is now, shape (height, width, 3), RGB."""
+    return renderer.draw(world.positions, world.radii, _values(world, renderer.color_by), time=world.time)
+
+
+def _values(world: fc.World, color_by: ColorBy) -> NDArray[np.float32]:
+    """What the colours show, shape (n,)."""
+    if color_by == "speed":
+        return np.linalg.norm(fc.to_numpy(world.velocities), axis=1)
+    if color_by == "radius":
+        return fc.to_numpy(world.radii)
+    return np.arange(len(world), dtype=np.float32)

@@ -121,9 +121,14 @@ class SimulationSettings(PictureSettings):
     output: Path = field(
         default=Path("output"), metadata=_about(FilePath(), "Folder for the frame files and the ledger.")
     )
+    report: bool = field(
+        default=False, metadata=_about(Switch(), "Also write report.html: settings, figures, curves and pictures.")
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.report and not self.ledger_interval:
+            raise InvalidSetting("report", "1 together with ledger-every 0", "a report with a ledger to draw")
         if self.pictures_per_second > self.fps:
             raise InvalidSetting("video_fps", self.video_fps, f"at most fps, which is {self.fps}")
 

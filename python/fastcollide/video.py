@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastcollide.errors import InvalidValue
+from fastcollide.files import written_beside
 from fastcollide.frames import Frame, FrameError, frame_paths, read_frame
 from fastcollide.render import Bounds, Camera, ColorBy, Renderer, round_step
 
@@ -157,14 +158,8 @@ def write_still(path: str | os.PathLike[str], picture: NDArray[np.uint8]) -> Non
 
     Raises OSError where the file cannot be written.
     """
-    path = Path(path)
-    unfinished = path.with_name(path.name + ".part")
-    try:
+    with written_beside(Path(path)) as unfinished:
         Image.fromarray(picture).save(unfinished, format="PNG")
-        os.replace(unfinished, path)
-    except BaseException:
-        unfinished.unlink(missing_ok=True)
-        raise
 
 
 def render_folder(
