@@ -61,9 +61,10 @@ def need_matplotlib() -> None:
         raise MissingLibrary(f"plots need Matplotlib, which is not installed; get it with: {INSTALL}") from None
 
 
-def plot_ledger(ledger: Ledger, title: str | None = None) -> Figure:
+def plot_ledger(ledger: Ledger, title: str | None = None, panels: Sequence[str] | None = None) -> Figure:
     """A figure of a ledger (see read_ledger): energy, momentum, angular momentum, contacts and overlap against time.
 
+    panels: which of PANELS to draw, two in a row (an even number of them); None draws all.
     Raises MissingLibrary where there is no Matplotlib, LedgerError where the ledger has no row.
     """
     need_matplotlib()
@@ -73,10 +74,12 @@ def plot_ledger(ledger: Ledger, title: str | None = None) -> Figure:
     if len(ledger["frame"]) == 0:
         raise LedgerError("the ledger has no row yet, so there is nothing to plot")
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(11, 9), dpi=120, layout="constrained")
-        axes = figure.subplots(3, 2, sharex=True)
-        for axis, panel in zip(axes.flat, _PANELS, strict=True):
-            panel(axis, ledger)
+        names = PANELS if panels is None else panels
+        rows = (len(names) + 1) // 2
+        figure = Figure(figsize=(11, 3 * rows), dpi=120, layout="constrained")
+        axes = figure.subplots(rows, 2, sharex=True, squeeze=False)
+        for axis, name in zip(axes.flat, names, strict=True):
+            _PANELS[name](axis, ledger)
         for axis in axes[-1]:
             axis.set_xlabel("Time (s)")
         if title:
@@ -177,11 +180,12 @@ def _overlap(axis: Axes, ledger: Ledger) -> None:
     axis.set_ylim(bottom=0)
 
 
-_PANELS: tuple[Callable[[Axes, Ledger], None], ...] = (
-    _total_energy,
-    _kinetic_energy,
-    _components("momentum", "Momentum", "Ns"),
-    _components("angular_momentum", "Angular momentum about the origin", "Js"),
-    _contacts,
-    _overlap,
-)
+_PANELS: dict[str, Callable[[Axes, Ledger], None]] = {
+    "energy": _total_energy,
+    "motion": _kinetic_energy,
+    "momentum": _components("momentum", "Momentum", "Ns"),
+    "angular_momentum": _components("angular_momentum", "Angular momentum about the origin", "Js"),
+    "contacts": _contacts,
+    "overlap": _overlap,
+}
+PANELS = tuple(_PANELS)

@@ -88,14 +88,15 @@ def _figures(summary: RunSummary, start: float) -> list[tuple[str, str]]:
         ("State hash", f"{summary.state_hash:016x}"),
         ("Frames", f"{summary.frames:,}"),
         ("Speed", f"{summary.frames_per_second:,.1f} frames/s"),
-        ("Time", f"{summary.seconds:.2f} s, engine {summary.step_seconds:.2f} s"),
+        ("Time", f"{summary.seconds:.2f} s"),
+        ("Time in the engine", f"{summary.step_seconds:.2f} s"),
         ("Contacts", f"{summary.contacts:,}"),
         ("Largest overlap", f"{summary.max_overlap:.4g} m"),
         ("Energy at the start", f"{start:.6g} J"),
         ("Energy at the end", f"{energy.total:.6g} J"),
-        ("of translation", f"{energy.kinetic:.4g} J"),
-        ("of rotation", f"{energy.rotational:.4g} J"),
-        ("of height", f"{energy.potential:.4g} J"),
+        ("Energy of translation", f"{energy.kinetic:.6g} J"),
+        ("Energy of rotation", f"{energy.rotational:.6g} J"),
+        ("Energy of height", f"{energy.potential:.6g} J"),
     ]
 
 
