@@ -6,7 +6,7 @@ from fastcollide.errors import DeviceError, InvalidValue, OutOfMemory, Simulatio
 from fastcollide.frames import Frame, FrameError, read_frame, write_frame
 from fastcollide.ledger import LedgerError, LedgerWriter, read_ledger
 from fastcollide.render import Camera, Renderer
-from fastcollide.spheres import Spheres, drag_from_damping, random_spheres
+from fastcollide.spheres import Spheres, drag_from_damping, lattice_spheres, random_spheres
 from fastcollide.world import Contacts, Energy, World, to_numpy
 
 __version__ = build_info().version
@@ -33,6 +33,7 @@ __all__ = [
     "build_info",
     "devices",
     "drag_from_damping",
+    "lattice_spheres",
     "limits",
     "random_spheres",
     "read_frame",

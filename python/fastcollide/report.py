@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from base64 import b64encode
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import fastcollide as fc
+from fastcollide.expectations import Outcome
 from fastcollide.files import written_beside
 from fastcollide.ledger import LEDGER_NAME, read_ledger
 from fastcollide.pictures import draw, renderer_for
@@ -47,8 +49,8 @@ class Report:
         self._renderer = renderer_for(world, settings)
         self._pictures = [self._draw()]
 
-    def write(self, summary: RunSummary) -> None:
-        """Writes the page into the output folder; it is whole or not there at all."""
+    def write(self, summary: RunSummary, outcomes: Sequence[Outcome] = ()) -> None:
+        """Writes the page into the output folder; it is whole or not there at all. outcomes: what was expected."""
         import jinja2
 
         self._pictures.append(self._draw())
@@ -64,6 +66,7 @@ class Report:
             if summary.stopped_early
             else "",
             summary=_figures(summary, float(ledger["total_J"][0])),
+            outcomes=outcomes,
             pictures=self._pictures,
             plot=_text(render_plot(plot_ledger(ledger), "svg")),
             rows=f"{summary.ledger_rows:,}",

@@ -66,6 +66,40 @@ def random_spheres(
     return replace(spheres, friction=np.full(count, friction, dtype=np.float32))
 
 
+def lattice_spheres(
+    count: int,
+    bounds: Bounds = DEFAULT_BOUNDS,
+    seed: int = 1,
+    radius: tuple[float, float] = (0.05, 0.4),
+    speed: tuple[float, float, float] = (8.0, 8.0, 8.0),
+    restitution: tuple[float, float] = (0.3, 0.95),
+    density: float = 1000.0,
+    device: str = "cpu",
+    *,
+    friction: float = 0.0,
+) -> Spheres:
+    """The spheres of random_spheres in rows and layers, from the bottom up, so that none overlaps another.
+
+    The places are the middles of equal cells, as close to cubes as fills the bounds.
+    Raises InvalidValue for an argument out of range, and where the largest sphere is larger than a cell.
+    """
+    spheres = random_spheres(count, bounds, seed, radius, speed, restitution, density, device, friction=friction)
+    lower, upper = (np.array(corner) for corner in corners(bounds))
+    edges = upper - lower
+    cells = np.ones(3, dtype=np.int64)
+    while cells.prod() < count:
+        cells[np.argmax(edges / (cells + 1))] += 1
+    spacing = edges / cells
+    if 2 * radius[1] > spacing.min():
+        raise InvalidValue(
+            f"radius: found {radius[1]:g} for {count:,} spheres in these bounds; allowed: at most "
+            f"{spacing.min() / 2:.4g} m, half the edge of a cell, so that none overlaps another",
+            "radius",
+        )
+    place = np.stack(np.unravel_index(np.arange(count), cells[::-1]), axis=1)[:, ::-1]  # x runs fastest
+    return replace(spheres, position=(lower + (place + 0.5) * spacing).astype(np.float32))
+
+
 def corners(bounds: Bounds) -> tuple[list[float], list[float]]:
     """The two corners of a box, or InvalidValue where they are not two times three numbers."""
     try:

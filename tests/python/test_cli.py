@@ -325,7 +325,7 @@ def test_a_wrong_option_gives_one_line_and_no_file(program, folder, name, words)
         (["--fly"], "No such option"),
         (["run", "--fly"], "No such option"),
         (["run", "--radius", "1"], "requires 2 arguments"),
-        (["run", "more"], "unexpected extra argument"),
+        (["run", "more"], "more"),
         (["run", "--drag", "1", "--damping", "0.5"], "drag: found 1 together with damping 0.5"),
         (["render"], "Missing argument 'FOLDER'"),
         (["render", "nowhere"], "nowhere"),

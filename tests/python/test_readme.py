@@ -6,6 +6,7 @@ from pathlib import Path
 
 import fastcollide as fc
 import pytest
+from fastcollide import cli
 
 ROOT = Path(__file__).parent.parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -32,3 +33,10 @@ def test_the_python_example_runs(capsys):
     assert len(names["contacts"]) == names["world"].contact_count()
     assert capsys.readouterr().out.splitlines()[-1] == f"{names['world'].state_hash():016x}"
     assert names["fc"] is fc
+
+
+def test_the_scene_runs_and_ends_as_expected(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (example,) = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)
+    Path("scene.toml").write_text(example, encoding="utf-8")
+    assert cli.main(["run", "scene.toml", "--frames", "30", "--no-video", "--export-every", "0"]) == 0
