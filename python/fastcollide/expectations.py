@@ -31,10 +31,29 @@ class Start:
     momentum_scale: float
 
 
+@dataclass(frozen=True)
+class _FreeSpheres:
+    """The spheres that forces can move, in double precision. speed, radius and mass of shape (n,), position (n, 3)."""
+
+    position: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    mass: NDArray[np.float64]
+
+
+def _free_spheres(world: fc.World) -> _FreeSpheres:
+    mass = fc.to_numpy(world.masses).astype(np.float64)
+    free = np.isfinite(mass)
+    position, velocity, radius = (
+        fc.to_numpy(array)[free].astype(np.float64) for array in (world.positions, world.velocities, world.radii)
+    )
+    return _FreeSpheres(position, np.linalg.norm(velocity, axis=1), radius, mass[free])
+
+
 def measure_start(world: fc.World) -> Start:
     """To be called before the first step."""
-    mass = fc.to_numpy(world.masses).astype(np.float64)
-    return Start(world.energy(), world.momentum(), float(mass.sum() * _rms(_speeds(world))))
+    free = _free_spheres(world)
+    return Start(world.energy(), world.momentum(), float(free.mass.sum() * _rms(free.speed)))
 
 
 def check_end(expect: ExpectTable, world: fc.World, start: Start, ledger: Ledger | None) -> list[Outcome]:
@@ -59,27 +78,27 @@ def check_end(expect: ExpectTable, world: fc.World, start: Start, ledger: Ledger
 
 def _figures(world: fc.World, start: Start, ledger: Ledger | None) -> dict[str, float]:
     """Every figure that a range can be asked for; NaN, which lies in no range, where it has no meaning."""
-    positions = fc.to_numpy(world.positions).astype(np.float64)
-    radii = fc.to_numpy(world.radii).astype(np.float64)[:, None]
-    mass = fc.to_numpy(world.masses).astype(np.float64)[:, None]
+    free = _free_spheres(world)
+    if free.mass.size == 0:
+        return dict.fromkeys(ExpectTable.model_fields, np.nan)
     lower, upper = (np.array(corner) for corner in world.bounds)
-    speeds = _speeds(world)
     energy = world.energy()
     figures = {
-        "rms_speed": _rms(speeds),
-        "max_speed": float(speeds.max()),
+        "rms_speed": _rms(free.speed),
+        "max_speed": float(free.speed.max()),
         "contacts": world.contact_count(),
         "max_overlap": world.max_overlap(),
-        "escaped": int(((positions < lower) | (positions > upper)).any(axis=1).sum()),
+        "escaped": int(((free.position < lower) | (free.position > upper)).any(axis=1).sum()),
         "energy_ratio": _ratio(energy.total, start.energy.total),
         "motion_ratio": _ratio(energy.kinetic + energy.rotational, start.energy.kinetic + start.energy.rotational),
         "largest_energy_gain": _ratio(_largest_gain(ledger), start.energy.total),
         "momentum_change": _ratio(float(np.linalg.norm(world.momentum() - start.momentum)), start.momentum_scale),
     }
+    radius, mass = free.radius[:, None], free.mass[:, None]
     points = {
-        "center": (mass * positions).sum(axis=0) / mass.sum(),
-        "lowest": (positions - radii).min(axis=0),
-        "highest": (positions + radii).max(axis=0),
+        "center": (mass * free.position).sum(axis=0) / mass.sum(),
+        "lowest": (free.position - radius).min(axis=0),
+        "highest": (free.position + radius).max(axis=0),
     }
     for name, point in points.items():
         figures |= {f"{name}_{axis}": float(value) for axis, value in zip("xyz", point, strict=True)}
@@ -110,12 +129,8 @@ def _largest_gain(ledger: Ledger | None) -> float:
     return float(np.diff(ledger["total_J"]).max(initial=0.0))
 
 
-def _speeds(world: fc.World) -> NDArray[np.float64]:
-    return np.linalg.norm(fc.to_numpy(world.velocities).astype(np.float64), axis=1)
-
-
 def _rms(values: NDArray[np.float64]) -> float:
-    return float(np.sqrt((values**2).mean()))
+    return float(np.sqrt((values**2).mean())) if values.size else np.nan
 
 
 def _ratio(value: float, start: float) -> float:

@@ -127,7 +127,9 @@ def _draw(axis: Axes, ledger: Ledger, title: str, unit: str, curves: Sequence[tu
     axis.yaxis.set_major_formatter(EngFormatter(unit=unit))
     axis.margins(x=0.01)
     if len(curves) > 1:
-        axis.legend(ncols=len(curves), loc="best", handlelength=1.4, columnspacing=1.2)
+        # Beside the title, where no curve is.
+        place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
+        axis.legend(ncols=len(curves), handlelength=1.4, columnspacing=1.2, **place)
 
 
 def _use_log(axis: Axes, values: Sequence[NDArray[Any]]) -> None:
@@ -184,7 +186,7 @@ _PANELS: dict[str, Callable[[Axes, Ledger], None]] = {
     "energy": _total_energy,
     "motion": _kinetic_energy,
     "momentum": _components("momentum", "Momentum", "Ns"),
-    "angular_momentum": _components("angular_momentum", "Angular momentum about the origin", "Js"),
+    "angular_momentum": _components("angular_momentum", "Angular momentum (origin)", "Js"),
     "contacts": _contacts,
     "overlap": _overlap,
 }

@@ -19,6 +19,7 @@ from fastcollide.spheres import DEFAULT_BOUNDS
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 NotNegative = Annotated[Finite, Field(ge=0)]
 Positive = Annotated[Finite, Field(gt=0)]
+Mass = Annotated[float, Field(strict=True, gt=0)]  # of a fixed sphere: infinite
 Share = Annotated[Finite, Field(ge=0, le=1)]
 Vector = tuple[Finite, Finite, Finite]
 Boundary = Literal["wall", "periodic", "open"]
@@ -129,9 +130,7 @@ class GivenTable(Table):
     density: Positive | list[Positive] | None = key(
         None, "Density [kg/m³], or give mass. Default: 1000.", "a number above 0" + _ONE_OR_EACH
     )
-    mass: Positive | list[Positive] | None = key(
-        None, "Mass [kg], in place of the density.", "a number above 0" + _ONE_OR_EACH
-    )
+    mass: Mass | list[Mass] | None = key(None, "Mass [kg], in place of the density.", "a number above 0" + _ONE_OR_EACH)
     restitution: Share | list[Share] = key(
         0.6, "Restitution; a pair uses the smaller one.", "a number from 0 to 1" + _ONE_OR_EACH
     )

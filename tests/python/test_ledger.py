@@ -159,6 +159,14 @@ def test_a_killed_run_leaves_what_it_has_measured(folder):
     assert frames.tolist() == list(range(len(frames)))
 
 
+def test_each_row_is_in_the_file_at_once(folder):
+    world = rough_world()
+    with fc.LedgerWriter("ledger.csv") as ledger:
+        for rows in range(1, 4):
+            ledger.add(world)
+            assert len(fc.read_ledger("ledger.csv")["frame"]) == ledger.rows == rows
+
+
 def test_a_last_line_without_its_end_is_left_out(folder):
     whole = ledger_of(rough_world(), folder / "ledger.csv")
     for cut in (1, 5, 60):
