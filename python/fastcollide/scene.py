@@ -165,13 +165,15 @@ def _toml_value(text: str) -> Any:
 def _messages(
     error: ValidationError, document: dict[str, Any], path: Path, text: str, overrides: Sequence[str]
 ) -> list[str]:
+    # One fault a key: "one for all or a list" gives one for each of the two, and the one further inside says more.
+    found_at: dict[Place, Place] = {}
     faults: dict[Place, str] = {}
     for detail in error.errors(include_url=False):
         place, found = _place_in(document, detail)
-        # "A number or a list of numbers" gives a fault for each of the two: the one further inside says more.
-        if not any(place == other[: len(place)] for other in faults):
-            for other in [other for other in faults if other == place[: len(other)]]:
-                del faults[other]
+        key = place[: 1 + max((i for i, part in enumerate(place) if isinstance(part, str)), default=-1)]
+        if key not in found_at or len(place) > len(found_at[key]):
+            faults.pop(found_at.get(key, ()), None)
+            found_at[key] = place
             faults[place] = _fault(detail, place, found)
     places = sorted(faults, key=lambda place: line_of(text, place) or 0)
     return [f"{_where(path, text, place, overrides)}: {faults[place]}" for place in places]

@@ -208,10 +208,19 @@ def test_a_file_of_that_name_that_no_run_has_written_stays(folder, capfd):
 
     code = cli.main(["run", "--particles", "30", "--frames", "4", "--no-video"])
 
-    assert code == 1
-    assert "ledger.csv: found a file that is no ledger" in capfd.readouterr().err
+    output, errors = capfd.readouterr()
+    assert (code, output) == (1, "")
+    assert "ledger.csv: found a file that is no ledger" in errors
     assert (folder / "output" / "ledger.csv").read_text() == "rent,400\n"
     assert os.listdir(folder / "output") == ["ledger.csv"]
+
+
+def test_the_writer_replaces_no_other_file(folder):
+    (folder / "mine.csv").write_text("rent,400\n")
+
+    with pytest.raises(fc.LedgerError, match=r"mine\.csv: found a file that is no ledger"):
+        fc.LedgerWriter("mine.csv")
+    assert (folder / "mine.csv").read_text() == "rent,400\n"
 
 
 def test_a_ledger_of_an_earlier_run_is_replaced(folder):

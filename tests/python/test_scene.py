@@ -301,6 +301,14 @@ def test_a_lattice_fills_its_bounds_from_below_without_overlap():
         ("[spheres]  #!\ncount = 5", 'spheres: found {"count": 5}; allowed: tables [[spheres]]'),
         ("[run]\nframes = 0  #!", "run.frames: found 0"),
         ('[run]\ndevice = "gpu"  #!', 'run.device: found "gpu"; allowed: auto, cpu, cuda, or cuda: and a number'),
+        (
+            '[[spheres]]\nkind = "given"\nradius = 1\nposition = [[0, 0, 0]]\nvelocity = [1, "b", 2]  #!',
+            'spheres[0].velocity[1]: found "b"; allowed: [x, y, z], one for all or a list',
+        ),
+        (
+            '[[spheres]]\nkind = "given"\nradius = 1\nposition = [[0, 0, 0]]\nvelocity = [[1, 2, 3], [1, 2, "b"]]  #!',
+            'spheres[0].velocity[1][2]: found "b"; allowed: [x, y, z], one for all or a list',
+        ),
         ("[output]\nwidth = 1281  #!", "output.width: found 1281; allowed: an even whole number"),
         ('[output]\nvideo = "a.avi"  #!', "output.video: found a.avi; allowed: a path that ends in .mp4"),
         ("[output]\nvideo_fps = 61  #!", "output.video_fps: found 61; allowed: at most fps, which is 60"),
@@ -423,8 +431,10 @@ c = 1  #6
 [[list]]  #7
 c = 2  #8
 
-[deep.er]
+[deep.er]  #0
 d = "# c = 4"  #9
+
+[deep.er.mid.last]
 """
 
 
@@ -442,6 +452,7 @@ d = "# c = 4"  #9
         (("list", 1, "nothing"), 7),
         (("list", 1, "c"), 8),
         (("deep", "er", "d"), 9),
+        (("deep", "er", "mid", "nothing"), 0),
     ],
 )
 def test_the_line_of_a_key(place, mark):
