@@ -9,29 +9,23 @@ from pathlib import Path
 from typing import Any
 
 import click
-import tomlkit
 
 import fastcollide as fc
 from fastcollide.console import (
     EXIT_BAD_USAGE,
     EXIT_FINE,
     EXIT_INTERRUPTED,
-    check_scenes_and_report,
     fail,
     guard,
-    new_scene_and_report,
     plot_and_report,
     render_and_report,
     run_and_report,
-    run_scene_and_report,
 )
 from fastcollide.info import print_info
 from fastcollide.menu import show_menu
 from fastcollide.parameters import ChoicePerAxis, Parameter, Switch
 from fastcollide.positional import ORDER, is_positional, parse_positional
 from fastcollide.report_table import test_and_report
-from fastcollide.scene import OPTION_PLACES
-from fastcollide.scene_text import scene_schema
 from fastcollide.selftest import selftest as run_selftest
 from fastcollide.settings import PARAMETERS, QUICK_DEMO, RENDER_PARAMETERS, PictureSettings, RunSettings
 
@@ -122,20 +116,12 @@ def run(scene: Path | None, overrides: tuple[str, ...], **values: Any) -> int:
     """
     given = _given(values)
     if scene is not None:
-        return run_scene_and_report(scene, [*overrides, *(_override(name, value) for name, value in given.items())])
+        from fastcollide.scene_program import run_scene_and_report
+
+        return run_scene_and_report(scene, overrides, given)
     if overrides:
         raise click.UsageError("--set: found without a scene; allowed: after the name of a scene file")
     return run_and_report(RunSettings(**given))
-
-
-def _override(name: str, value: Any) -> str:
-    """An option as a change of the scene."""
-    if name not in OPTION_PLACES:
-        raise click.UsageError(
-            f"{PARAMETERS[name].option}: found beside a scene; allowed: --set with a key of the scene"
-        )
-    value = list(value) if isinstance(value, tuple) else str(value) if isinstance(value, Path) else value
-    return f"{OPTION_PLACES[name]}={tomlkit.item(value).as_string()}"
 
 
 @commands.group()
@@ -147,6 +133,8 @@ def scene() -> None:
 @click.argument("path", type=click.Path(path_type=Path))
 def new(path: Path) -> int:
     """Write a commented scene file with every key and its default to PATH."""
+    from fastcollide.scene_program import new_scene_and_report
+
     return new_scene_and_report(path)
 
 
@@ -155,12 +143,16 @@ def new(path: Path) -> int:
 @_set_option
 def check(paths: tuple[Path, ...], overrides: tuple[str, ...]) -> int:
     """Check scene files down to the last sphere, without running them."""
+    from fastcollide.scene_program import check_scenes_and_report
+
     return check_scenes_and_report(paths, overrides)
 
 
 @scene.command()
 def schema() -> int:
     """Print the JSON schema of scene files, for editors."""
+    from fastcollide.scene_text import scene_schema
+
     click.echo(scene_schema(), nl=False)
     return EXIT_FINE
 

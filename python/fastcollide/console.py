@@ -7,13 +7,14 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 import fastcollide as fc
-from fastcollide.expectations import Outcome, check_end, measure_start
+from fastcollide.errors import SceneError
 from fastcollide.frames import FrameError
 from fastcollide.ledger import LEDGER_NAME, LedgerError, read_ledger
 from fastcollide.parameters import InvalidSetting
@@ -21,12 +22,13 @@ from fastcollide.pictures import check_picture_files, make_picture_folders
 from fastcollide.plots import MissingLibrary, check_plot_file, plot_ledger, save_plot
 from fastcollide.render import Bounds
 from fastcollide.report import Report, Source
-from fastcollide.run import RunSummary, check_paths, create_world, simulate
-from fastcollide.scene import SceneError, load_scene
-from fastcollide.scene_text import new_scene
+from fastcollide.run import RunSummary, create_world, simulate
 from fastcollide.settings import PARAMETERS, PictureSettings, RunSettings, SimulationSettings
 from fastcollide.source import source_of
 from fastcollide.video import VideoError, render_folder
+
+if TYPE_CHECKING:
+    from fastcollide.expectations import Outcome
 
 EXIT_FINE = 0
 EXIT_FAILURE = 1
@@ -89,57 +91,23 @@ def guard(action: Callable[[], int]) -> int:
 
 def run_and_report(settings: RunSettings) -> int:
     """Runs these settings in front of a person and returns the exit code."""
-    return _run(create_world(settings), settings, source_of(settings))
+    return run_world(create_world(settings), settings, source_of(settings))
 
 
-def run_scene_and_report(path: Path, overrides: Sequence[str]) -> int:
-    """Runs a scene in front of a person and returns the exit code: 1 where its end is not as expected."""
-    scene = load_scene(path, overrides)
-    check_paths(scene.settings)
-    world = scene.create_world()
-    start = measure_start(world)
-    say("scene", f"{scene.path}{': ' + scene.file.title if scene.file.title else ''}")
-
-    def check() -> list[Outcome]:
-        ledger = read_ledger(scene.settings.output) if scene.settings.ledger_interval else None
-        return check_end(scene.file.expect, world, start, ledger)
-
-    return _run(world, scene.settings, scene.source(), check)
-
-
-def new_scene_and_report(path: Path) -> int:
-    """Writes a new scene file in front of a person and returns the exit code."""
-    with path.open("x", encoding="utf-8") as file:  # a file that is there stays
-        file.write(new_scene())
-    say("scene", str(path.resolve()))
-    return EXIT_FINE
-
-
-def check_scenes_and_report(paths: Sequence[Path], overrides: Sequence[str]) -> int:
-    """Checks scene files in front of a person, down to the last sphere, and returns the exit code."""
-    code = EXIT_FINE
-    for path in paths:
-        code = max(code, guard(lambda path=path: _check_scene(path, overrides)))
-    return code
-
-
-def _check_scene(path: Path, overrides: Sequence[str]) -> int:
-    scene = load_scene(path, overrides)
-    world = scene.create_world(device="cpu")
-    print(f"{path}: fine, {len(world):,} spheres for {scene.settings.seconds:g} s")
-    return EXIT_FINE
-
-
-def _run(
-    world: fc.World, settings: SimulationSettings, source: Source, check: Callable[[], list[Outcome]] = list
+def run_world(
+    world: fc.World, settings: SimulationSettings, source: Source, check: Callable[[], Sequence[Outcome]] = tuple
 ) -> int:
+    """Runs a fresh world in front of a person and returns the exit code.
+
+    source: what its report says about it; check: what was expected of the end, asked after the last frame.
+    """
     say("device", f"{world.device} ({world.device_name})")
     say("spheres", f"{len(world):,}, for {settings.frames:,} frames of 1/{settings.fps} s")
     report = Report(world, settings, source) if settings.report else None
     with progress_bar("frames", settings.frames) as show_progress:
         summary = simulate(world, settings, on_frame=lambda frame: show_progress(frame, settings.frames))
     _show(settings, summary)
-    outcomes = [] if summary.stopped_early else check()
+    outcomes = () if summary.stopped_early else check()
     if report:
         report.write(summary, outcomes)
         say("report", str(report.path.resolve()))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 
 class InvalidValue(ValueError):
     """An argument or a number of the state is outside its range.
@@ -29,3 +31,11 @@ class SimulationError(RuntimeError):
 
 class OutOfMemory(MemoryError):
     """The device or the host has less memory than asked for."""
+
+
+class SceneError(ValueError):
+    """A scene is not as it must be. messages: one for each fault, with file, line, key, what was found and allowed."""
+
+    def __init__(self, messages: Sequence[str]) -> None:
+        self.messages = tuple(messages)
+        super().__init__("\n".join(messages))

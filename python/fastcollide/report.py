@@ -7,13 +7,13 @@ from base64 import b64encode
 from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 import fastcollide as fc
-from fastcollide.expectations import Outcome
 from fastcollide.files import written_beside
 from fastcollide.ledger import LEDGER_NAME, read_ledger
 from fastcollide.pictures import draw, renderer_for
@@ -21,6 +21,9 @@ from fastcollide.plots import INSTALL, MissingLibrary, need_matplotlib, plot_led
 from fastcollide.run import RunSummary
 from fastcollide.settings import SimulationSettings
 from fastcollide.source import Source
+
+if TYPE_CHECKING:
+    from fastcollide.expectations import Outcome
 
 REPORT_NAME = "report.html"
 

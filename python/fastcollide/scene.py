@@ -17,22 +17,15 @@ from pydantic_core import ErrorDetails
 from tomlkit.exceptions import ParseError, TOMLKitError
 
 import fastcollide as fc
+from fastcollide.errors import SceneError
 from fastcollide.parameters import InvalidSetting
-from fastcollide.scene_schema import GivenTable, LatticeTable, OutputTable, RandomTable, RunTable, SceneFile
+from fastcollide.scene_schema import GivenTable, LatticeTable, RandomTable, RunTable, SceneFile
 from fastcollide.settings import SimulationSettings
 from fastcollide.source import Setting, Source
 from fastcollide.toml_lines import line_of
 
 Place = tuple[str | int, ...]
 SPHERE_KINDS: dict[str, type[BaseModel]] = {"random": RandomTable, "lattice": LatticeTable, "given": GivenTable}
-
-
-class SceneError(ValueError):
-    """A scene is not as it must be. messages: one for each fault, with file, line, key, what was found and allowed."""
-
-    def __init__(self, messages: Sequence[str]) -> None:
-        self.messages = tuple(messages)
-        super().__init__("\n".join(messages))
 
 
 @dataclass(frozen=True)
@@ -106,6 +99,11 @@ def load_scene(path: Path, overrides: Sequence[str] = ()) -> Scene:
         place = (table, error.name)
         message = f"{_name(place)}: found {error.found}; allowed: {error.allowed}"
         raise SceneError([f"{_where(path, text, place, overrides)}: {message}"]) from None
+    if file.expect.largest_energy_gain is not None and not settings.ledger_interval:
+        where = _where(path, text, ("output", "ledger_every"), overrides)
+        raise SceneError(
+            [f"{where}: output.ledger_every: found 0; allowed: above 0, as expect.largest_energy_gain needs it"]
+        )
     return Scene(path, tuple(overrides), file, settings, text)
 
 
@@ -275,10 +273,3 @@ def _settings_of(model: BaseModel, prefix: str = "") -> Sequence[Setting]:
             shown = _found(json.loads(json.dumps(value, default=str)))
             settings.append(Setting(prefix + name, shown, field.description or "", value != field.default))
     return settings
-
-
-OPTION_PLACES: dict[str, str] = {
-    **{name: f"run.{name}" for name in RunTable.model_fields},
-    **{name: f"output.{name}" for name in OutputTable.model_fields if name != "folder"},
-    "output": "output.folder",
-}

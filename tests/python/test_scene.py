@@ -4,15 +4,18 @@ import inspect
 import json
 import re
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import fastcollide as fc
 import numpy as np
 import pytest
 from fastcollide import cli
-from fastcollide.console import run_scene_and_report
+from fastcollide.errors import SceneError
 from fastcollide.expectations import check_end, measure_start
-from fastcollide.scene import SceneError, load_scene
+from fastcollide.scene import load_scene
+from fastcollide.scene_program import run_scene_and_report
 from fastcollide.scene_schema import (
     ExpectTable,
     GivenTable,
@@ -496,7 +499,7 @@ def test_options_of_the_run_go_before_the_scene(program):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["run", "small.toml", "--particles", "3"], "--particles: found beside a scene; allowed: --set"),
+        (["run", "small.toml", "--particles", "3"], "particles: found it beside a scene; allowed: --set"),
         (["run", "--set", "run.frames=3"], "--set: found without a scene"),
         (["run", "nowhere.toml"], "nowhere.toml"),
         (["scene", "check"], "Missing argument"),
@@ -549,6 +552,12 @@ def test_check_tells_what_a_scene_is(program):
     assert code == 2
     assert output == "small.toml: fine, 80 spheres for 0.5 s\n" * 2
     assert "bad.toml:2: run.frames: found 0" in errors
+
+
+def test_pydantic_is_loaded_for_scenes_alone():
+    code = "import fastcollide.cli, sys; sys.exit('pydantic' in sys.modules or 'matplotlib' in sys.modules)"
+
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 # --- The schema for editors ---
@@ -706,7 +715,7 @@ def test_a_scene_that_is_stopped_is_not_checked(capfd, monkeypatch):
         signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(fc.World, "step", press)
-    code = run_scene_and_report(Path("small.toml"), [])
+    code = run_scene_and_report(Path("small.toml"), [], {})
 
     assert code == 130
     assert "expected" not in capfd.readouterr().out
