@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import fastcollide as fc
 import numpy as np
@@ -237,3 +238,10 @@ def test_the_summary_tells_rows_and_cost(folder, capfd):
     (line,) = [line for line in io.StringIO(capfd.readouterr().out) if line.startswith("ledger")]
     assert f"5 rows in {folder / 'output' / 'ledger.csv'}, " in line
     assert line.endswith(" % of the time\n")
+
+
+def test_the_documentation_has_the_columns():
+    text = (Path(__file__).parent.parent.parent / "docs" / "ledger.md").read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line.startswith("| `")]
+
+    assert rows == [f"| `{column.name}` | {column.dtype.__name__} | {column.meaning} |" for column in COLUMNS]
