@@ -51,7 +51,7 @@ def main() -> None:
 def simulate(world: fc.World, frames: int, ledger_path: Path) -> dict[str, object]:
     """Runs to the end, prints, and returns the figures of the last state."""
     start = before = world.energy().total
-    largest_gain = 0.0
+    lowest, largest_gain, rebound = start, 0.0, 0.0
     figures: dict[str, object] = {}
     with fc.LedgerWriter(ledger_path) as ledger:
         ledger.add(world)
@@ -61,10 +61,16 @@ def simulate(world: fc.World, frames: int, ledger_path: Path) -> dict[str, objec
             if frame > frames / 2:  # after the last impact
                 largest_gain = max(largest_gain, (energy - before) / start)
             before = energy
+            lowest = min(lowest, energy)
+            rebound = max(rebound, (energy - lowest) / start)
             if frame % 10 == 0 or frame == frames:
                 ledger.add(world)
             if frame % 150 == 0 or frame == frames:
-                figures = measure(world) | {"energy_ratio": energy / start, "largest_gain": largest_gain}
+                figures = measure(world) | {
+                    "energy_ratio": energy / start,
+                    "largest_gain": largest_gain,
+                    "rebound": rebound,  # from the lowest energy so far, while the squeezed pile springs up
+                }
                 print(
                     "{time:5.1f} s  v_rms {v_rms:.4f}  fastest {fastest:.2f} m/s  mean overlap {mean_overlap:.2%}  "
                     "contacts {contacts}  E/E0 {energy_ratio:.5f}  largest gain {largest_gain:.5%}".format(**figures),
