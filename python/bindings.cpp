@@ -15,13 +15,16 @@
 #include "fastcollide/renderer.hpp"
 #include "fastcollide/world.hpp"
 #include "format_frame.hpp"
+#include "share.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
 
 namespace {
 
-using fastcollide::ArrayView;
+using fastcollide::python::boundary_of;
+using fastcollide::python::share;
+using fastcollide::python::without_gil;
 using Floats = nb::ndarray<const float, nb::c_contig, nb::device::cpu>;
 using Bytes = nb::ndarray<const std::uint8_t, nb::c_contig, nb::device::cpu>;
 
@@ -44,24 +47,6 @@ void translate(const std::exception_ptr& error, void*) {
   } catch (const fastcollide::OutOfMemory& e) {
     raise("OutOfMemory", nb::make_tuple(e.what()));
   }
-}
-
-// The arrays share the world's memory and keep it alive.
-template <class T>
-nb::object share(const ArrayView& view) {
-  const std::size_t shape[2] = {static_cast<std::size_t>(view.rows), static_cast<std::size_t>(view.columns)};
-  const std::size_t dimensions = view.columns == 0 ? 1 : 2;
-  auto* held = new std::shared_ptr<void>(view.owner);
-  const nb::capsule owner(held, [](void* p) noexcept { delete static_cast<std::shared_ptr<void>*>(p); });
-  if (view.cuda_device < 0) {
-    return nb::cast(nb::ndarray<nb::numpy, T>(view.data, dimensions, shape, owner));
-  }
-  const nb::object inner = nb::cast(nb::ndarray<nb::array_api, T>(
-      view.data, dimensions, shape, owner, nullptr, nb::dtype<T>(), nb::device::cuda::value, view.cuda_device));
-  return nb::module_::import_("fastcollide.device_array")
-      .attr("DeviceArray")(inner, reinterpret_cast<std::uintptr_t>(view.data),
-                           dimensions == 1 ? nb::make_tuple(view.rows) : nb::make_tuple(view.rows, view.columns),
-                           std::is_same_v<T, float> ? "<f4" : "<i4", view.cuda_device);
 }
 
 nb::object own(std::vector<float>&& values, std::size_t columns) {
@@ -95,24 +80,11 @@ class SignalCheck {
   bool raised_ = false;
 };
 
-fastcollide::Boundary boundary_of(const std::string& name, int axis) {
-  if (name == "wall") return fastcollide::Boundary::wall;
-  if (name == "periodic") return fastcollide::Boundary::periodic;
-  if (name == "open") return fastcollide::Boundary::open;
-  throw fastcollide::InvalidValue("boundary", axis, '"' + name + '"', "\"wall\", \"periodic\" or \"open\"");
-}
-
 fastcollide::Method method_of(const std::string& name) {
   if (name == "auto") return fastcollide::Method::automatic;
   if (name == "cells") return fastcollide::Method::cells;
   if (name == "list") return fastcollide::Method::list;
   throw fastcollide::InvalidValue("method", -1, '"' + name + '"', R"("auto", "cells" or "list")");
-}
-
-template <class Work>
-auto without_gil(Work&& work) {
-  const nb::gil_scoped_release release;
-  return work();
 }
 
 // A call that waits for its turn while it holds the interpreter would stop the one that is stepping: all let go of it.
@@ -325,6 +297,13 @@ void bind_machine(nb::module_& m) {
 
 }  // namespace
 
+fastcollide::Boundary fastcollide::python::boundary_of(const std::string& name, int axis) {
+  if (name == "wall") return Boundary::wall;
+  if (name == "periodic") return Boundary::periodic;
+  if (name == "open") return Boundary::open;
+  throw InvalidValue("boundary", axis, '"' + name + '"', "\"wall\", \"periodic\" or \"open\"");
+}
+
 NB_MODULE(_core, m) {
   m.doc() = "The engine of FastCollide. Use the package fastcollide; the names here may change.";
   nb::register_exception_translator(translate);
@@ -332,4 +311,5 @@ NB_MODULE(_core, m) {
   bind_renderer(m);
   bind_random(m);
   bind_machine(m);
+  fastcollide::python::bind_contacts(m);
 }

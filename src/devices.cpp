@@ -95,6 +95,8 @@ void copy_to_host(void* host, const void* device, std::size_t bytes, int cuda_de
   cuda_copy_to_host(host, device, bytes, cuda_device);
 }
 
+int cuda_device_of(std::uintptr_t address) { return device_of_cuda_memory(reinterpret_cast<const void*>(address)); }
+
 void reset_after_fork() { forget_threads_after_fork(); }
 
 }  // namespace fastcollide

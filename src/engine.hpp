@@ -102,6 +102,7 @@ Spheres cpu_random_spheres(const RandomSpheres& random);
 Spheres cuda_random_spheres(const RandomSpheres& random, int device);
 std::vector<Device> cuda_devices();
 void cuda_copy_to_host(void* host, const void* device, std::size_t bytes, int cuda_device);
+int device_of_cuda_memory(const void* address);
 
 inline Vec3 vector_of(const std::array<float, 3>& a) { return {a[0], a[1], a[2]}; }
 

@@ -1,5 +1,6 @@
 // Stands in for step_cuda.cu in a build without CUDA.
 #include "engine.hpp"
+#include "search/engine_interface.hpp"
 
 namespace fastcollide {
 namespace {
@@ -10,8 +11,10 @@ namespace {
 
 std::unique_ptr<Engine> make_cuda_engine(const WorldOptions&, int) { refuse(); }
 std::unique_ptr<RendererEngine> make_cuda_renderer(int) { refuse(); }
+std::unique_ptr<ContactEngine> make_cuda_contact_engine(int) { refuse(); }
 Spheres cuda_random_spheres(const RandomSpheres&, int) { refuse(); }
 std::vector<Device> cuda_devices() { return {}; }
 void cuda_copy_to_host(void*, const void*, std::size_t, int) { refuse(); }
+int device_of_cuda_memory(const void*) { refuse(); }
 
 }  // namespace fastcollide

@@ -26,6 +26,13 @@ void cuda_copy_to_host(void* host, const void* device, std::size_t bytes, int cu
   check(cudaMemcpy(host, device, bytes, cudaMemcpyDeviceToHost), "cudaMemcpy");
 }
 
+int device_of_cuda_memory(const void* address) {
+  cudaPointerAttributes attributes{};
+  check(cudaPointerGetAttributes(&attributes, address), "cudaPointerGetAttributes");
+  if (attributes.type == cudaMemoryTypeDevice || attributes.type == cudaMemoryTypeManaged) return attributes.device;
+  throw DeviceError("an array that calls itself one of CUDA does not lie in the memory of a CUDA device");
+}
+
 std::vector<Device> cuda_devices() {
   int count = 0;
   if (cudaGetDeviceCount(&count) != cudaSuccess) {

@@ -37,6 +37,9 @@ Limits limits();
 // Copies from the memory of a CUDA device, after all work on it. Errors: DeviceError.
 void copy_to_host(void* host, const void* device, std::size_t bytes, int cuda_device);
 
+// The number of the CUDA device whose memory an address lies in. Errors: DeviceError where it is none.
+int cuda_device_of(std::uintptr_t address);
+
 // A forked child process has none of its parent's threads; call this first in the child.
 void reset_after_fork();
 

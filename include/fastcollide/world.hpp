@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "fastcollide/array_view.hpp"
 #include "fastcollide/boundary.hpp"
 #include "fastcollide/errors.hpp"
 #include "fastcollide/spheres.hpp"
@@ -41,16 +42,6 @@ struct WorldOptions {
   int threads = 0;              // of the CPU; 0: all
   Method method = Method::automatic;
   int block_size = 128;  // of CUDA, a multiple of 32 up to 512; no result depends on it
-};
-
-// Memory of a world as seen from outside, in the order of the ids. It stays valid while `owner` is held; after add() it
-// may be an old copy.
-struct ArrayView {
-  void* data = nullptr;
-  std::int64_t rows = 0;
-  int columns = 0;       // 0: one-dimensional
-  int cuda_device = -1;  // -1: host memory
-  std::shared_ptr<void> owner;
 };
 
 struct ContactArrays {
@@ -98,6 +89,7 @@ class World {
   std::string device_description() const;
   const WorldOptions& options() const;
 
+  // In the order of the ids; after add() a view may be an old copy.
   ArrayView positions();     // (count, 3) float32 [m]
   ArrayView velocities();    // (count, 3) float32 [m/s]
   ArrayView radii();         // (count,) float32 [m]

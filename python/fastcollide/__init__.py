@@ -1,5 +1,6 @@
 """FastCollide: many colliding spheres on CPU and GPU, with the same bits on both."""
 
+from fastcollide.contacts import ContactFinder, Neighbors, Pairs, find_contacts, find_neighbors
 from fastcollide.device_array import DeviceArray
 from fastcollide.devices import BuildInfo, Device, Limits, build_info, devices, limits
 from fastcollide.errors import DeviceError, InvalidValue, OutOfMemory, SimulationError
@@ -14,6 +15,7 @@ __version__ = build_info().version
 __all__ = [
     "BuildInfo",
     "Camera",
+    "ContactFinder",
     "Contacts",
     "Device",
     "DeviceArray",
@@ -25,7 +27,9 @@ __all__ = [
     "LedgerError",
     "LedgerWriter",
     "Limits",
+    "Neighbors",
     "OutOfMemory",
+    "Pairs",
     "Renderer",
     "SimulationError",
     "Spheres",
@@ -33,6 +37,8 @@ __all__ = [
     "build_info",
     "devices",
     "drag_from_damping",
+    "find_contacts",
+    "find_neighbors",
     "lattice_spheres",
     "limits",
     "random_spheres",

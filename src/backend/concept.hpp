@@ -52,6 +52,10 @@ concept Backend = requires(B backend, typename B::template Buffer<std::uint32_t>
   backend.copy_to_host(words, static_cast<const std::uint32_t*>(words), n);
   // Stages may still run when the call that started them returns; after copy_to_host() and synchronize() none does.
   backend.synchronize();
+  // Nothing starts before the caller's stream has done what is queued there, or ends after what will be. No-op on a
+  // CPU.
+  backend.wait_for(static_cast<void*>(nullptr));
+  backend.let_wait(static_cast<void*>(nullptr));
   { backend.cuda_device() } -> std::same_as<int>;  // where buffers lie: -1 is host memory
   { B::frames_between_checks } -> std::convertible_to<std::int64_t>;
   // Lists that are walked at the same time, and so better lie interleaved.

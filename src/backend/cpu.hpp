@@ -142,6 +142,8 @@ class CpuBackend {
     copy(host, device, n);
   }
   void synchronize() {}
+  void wait_for(void*) {}
+  void let_wait(void*) {}
 
  private:
   // work(slab, begin, end) on slabs that depend on n alone, so that two calls with the same n cut it alike. Several for

@@ -222,8 +222,21 @@ class CudaBackend {
     const OnDevice on(device_);
     check(cudaDeviceSynchronize(), "cuda");
   }
+  // One stream goes on when what is queued on another is done; the host does not wait. `stream` is a cudaStream_t.
+  void wait_for(void* stream) { order(static_cast<cudaStream_t>(stream), stream_.get()); }
+  void let_wait(void* stream) { order(stream_.get(), static_cast<cudaStream_t>(stream)); }
 
  private:
+  void order(cudaStream_t before, cudaStream_t after) {
+    const OnDevice on(device_);
+    cudaEvent_t event = nullptr;
+    check(cudaEventCreateWithFlags(&event, cudaEventDisableTiming), "cudaEventCreate");
+    cudaError_t status = cudaEventRecord(event, before);
+    if (status == cudaSuccess) status = cudaStreamWaitEvent(after, event);
+    cudaEventDestroy(event);  // at once if the device has passed it, else when it has
+    check(status, "cudaStreamWaitEvent");
+  }
+
   template <class T>
   void copy(T* to, const T* from, std::int64_t n, cudaMemcpyKind kind) {
     if (n == 0) return;

@@ -1,0 +1,304 @@
+// A contact finder on one backend: checks the input, chooses the grid, searches, lays out the result.
+#pragma once
+
+#include <string>
+#include <utility>
+
+#include "../text.hpp"
+#include "choose_grid.hpp"
+#include "engine_interface.hpp"
+#include "rows_of_neighbors.hpp"
+
+namespace fastcollide::search {
+
+// The names of the arguments in messages.
+struct FieldNames {
+  const char *positions, *radii;
+};
+inline constexpr FieldNames names_of_spheres{"positions", "radii"}, names_of_others{"other_positions", "other_radii"};
+
+template <Backend B, template <class> class Searcher>
+class ContactEngineOn final : public ContactEngine {
+ public:
+  explicit ContactEngineOn(B backend) : backend_(std::move(backend)) {}
+
+  std::int64_t count(const SearchInput& input) override {
+    return with_type(input, [&]<class T>(Searcher<T>& searcher) {
+      const Turn turn(backend_, input.options.cuda_stream);
+      const auto problem = prepare<T>(input, searcher);
+      return problem.is_empty ? std::int64_t(0) : searcher.count(problem.problem);
+    });
+  }
+
+  ArrayView counts(const SearchInput& input) override {
+    return with_type(input, [&]<class T>(Searcher<T>& searcher) {
+      const Turn turn(backend_, input.options.cuda_stream);
+      const auto problem = prepare<T>(input, searcher);
+      Buffer<std::int64_t> counts(backend_);
+      counts.resize(input.spheres.positions.rows);
+      backend_.fill_zero(counts.data(), counts.size());
+      if (!problem.is_empty) searcher.count_rows(problem.problem, Rows::both, counts.data());
+      return view(counts, 0);
+    });
+  }
+
+  ContactList contacts(const SearchInput& input, bool is_measured) override {
+    return with_type(input, [&]<class T>(Searcher<T>& searcher) {
+      const Turn turn(backend_, input.options.cuda_stream);
+      const auto problem = prepare<T>(input, searcher);
+      const std::int64_t rows = input.spheres.positions.rows;
+      Buffer<std::int32_t> first(backend_), second(backend_);
+      Buffer<T> gap(backend_);
+      Buffer<Point<T>> normal(backend_);
+      const std::int64_t total = find(problem, searcher, Rows::once, rows, offsets_, second, input.options);
+      first.resize(total);
+      if (is_measured) {
+        gap.resize(total);
+        normal.resize(total);
+      }
+      backend_.for_each(rows,
+                        MeasureContacts<T>{problem.problem.spheres, problem.problem.targets, problem.problem.reach,
+                                           problem.common_radii, offsets_.data(), second.data(), first.data(),
+                                           is_measured ? gap.data() : nullptr, normal.data()});
+      return ContactList{view(first, 0), view(second, 0), view(gap, 0), view(normal, 3)};
+    });
+  }
+
+  NeighborList neighbors(const SearchInput& input, const NeighborOptions& list) override {
+    return with_type(input, [&]<class T>(Searcher<T>& searcher) {
+      const Turn turn(backend_, input.options.cuda_stream);
+      const auto problem = prepare<T>(input, searcher);
+      const std::int64_t rows = input.spheres.positions.rows;
+      Buffer<std::int64_t> offsets(backend_);
+      Buffer<std::int32_t> columns(backend_);
+      Buffer<T> distances(backend_);
+      offsets.resize(rows + 1);
+      find(problem, searcher, Rows::both, rows, offsets, columns, input.options);
+      NeighborList found;
+      const bool is_limited = list.most_neighbors < input.options.most_contacts || list.sort_by_distance;
+      const std::int64_t shortened =
+          list.most_neighbors == std::numeric_limits<std::int64_t>::max()
+              ? 0
+              : backend_.transform_reduce(rows, CountShortened{offsets.data(), list.most_neighbors}, std::int64_t(0),
+                                          Sum{});
+      found.shortened_rows = shortened;
+      if (is_limited || list.keep_distances) {
+        distances.resize(columns.size());
+        backend_.for_each(
+            rows, MeasureDistances<T>{problem.problem.spheres, problem.problem.targets, problem.problem.reach.period,
+                                      list.is_squared, offsets.data(), columns.data(), distances.data()});
+      }
+      const auto sort = [&](bool by_distance) {
+        backend_.for_each(rows, SortNeighbors<T>{by_distance, offsets.data(), columns.data(), distances.data()});
+      };
+      if (list.sort_by_distance || shortened > 0) sort(true);
+      if (shortened > 0) {
+        Buffer<std::int64_t> shorter(backend_);
+        Buffer<std::int32_t> kept_columns(backend_);
+        Buffer<T> kept_distances(backend_);
+        shorter.resize(rows + 1);
+        backend_.for_each(rows, ShortenRows{offsets.data(), list.most_neighbors, shorter.data()});
+        backend_.exclusive_scan(shorter.data(), rows);
+        std::int64_t total = 0;
+        backend_.copy_to_host(&total, static_cast<const std::int64_t*>(shorter.data()) + rows, 1);
+        kept_columns.resize(total);
+        kept_distances.resize(total);
+        backend_.for_each(rows, CopyRows<T>{offsets.data(), shorter.data(), columns.data(), distances.data(),
+                                            kept_columns.data(), kept_distances.data()});
+        backend_.synchronize();  // before the longer rows go
+        std::swap(offsets, shorter);
+        std::swap(columns, kept_columns);
+        std::swap(distances, kept_distances);
+        if (!list.sort_by_distance) sort(false);
+      }
+      found.offsets = view(offsets, 0);
+      found.indices = view(columns, 0);
+      if (list.keep_distances) found.distances = view(distances, 0);
+      return found;
+    });
+  }
+
+ private:
+  template <class U>
+  using Buffer = typename B::template Buffer<U>;
+
+  // The caller's stream waits for the search, and the search for what the caller has queued.
+  class Turn {
+   public:
+    Turn(B& backend, void* stream) : backend_(backend), stream_(stream) { backend_.wait_for(stream_); }
+    ~Turn() {
+      try {
+        backend_.let_wait(stream_);
+      } catch (const DeviceError&) {  // a failed device has no order to keep; the next call reports it
+      }
+    }
+    Turn(const Turn&) = delete;
+    Turn& operator=(const Turn&) = delete;
+
+   private:
+    B& backend_;
+    void* stream_;
+  };
+
+  template <class T>
+  struct Prepared {
+    Problem<T> problem;
+    bool is_empty;        // no pair can be: nothing was built
+    double common_radii;  // twice the radius that all share
+  };
+
+  template <class Call>
+  auto with_type(const SearchInput& input, const Call& call) {
+    return input.spheres.positions.is_double ? call(in_double_) : call(in_single_);
+  }
+
+  template <class U>
+  ArrayView view(Buffer<U>& buffer, int columns) {
+    return {buffer.data(), buffer.size(), columns, backend_.cuda_device(), buffer.share()};
+  }
+
+  template <class T>
+  std::int64_t find(const Prepared<T>& prepared, Searcher<T>& searcher, Rows rows, std::int64_t row_count,
+                    Buffer<std::int64_t>& offsets, Buffer<std::int32_t>& columns, const SearchOptions& options) {
+    offsets.resize(row_count + 1);
+    if (prepared.is_empty) {
+      backend_.fill_zero(offsets.data(), row_count + 1);
+      return 0;
+    }
+    return searcher.find(prepared.problem, rows, offsets.data(), [&](std::int64_t total) {
+      if (total > options.most_contacts) {
+        throw OutOfMemory("contacts: found " + std::to_string(total) + "; allowed: at most " +
+                          std::to_string(options.most_contacts) + ", the limit given (a count alone needs no list)");
+      }
+      columns.resize(total);
+      return columns.data();
+    });
+  }
+
+  template <class T>
+  Prepared<T> prepare(const SearchInput& input, Searcher<T>& searcher) {
+    const SearchOptions& options = input.options;
+    const bool is_one_set = input.others == nullptr;
+    const SphereArrays& other = is_one_set ? input.spheres : *input.others;
+    Prepared<T> prepared{};
+    Problem<T>& problem = prepared.problem;
+    problem.spheres = spheres_in<T>(input.spheres);
+    problem.targets = spheres_in<T>(other);
+    problem.is_one_set = is_one_set;
+    // A radius that all share is as good as a wider margin, and saves the radii.
+    prepared.common_radii = (input.spheres.radii.data == nullptr ? input.spheres.radius : 0) +
+                            (other.radii.data == nullptr ? other.radius : 0);
+    problem.reach.margin = options.margin + prepared.common_radii;
+    problem.reach.is_inclusive = options.is_inclusive;
+    double* lengths[3] = {&problem.reach.period.x, &problem.reach.period.y, &problem.reach.period.z};
+    Bounds<T> bounds{};
+    for (int axis = 0; axis < 3; ++axis) {
+      bounds.is_periodic[axis] = options.boundary[axis] == Boundary::periodic;
+      if (!bounds.is_periodic[axis]) continue;
+      bounds.lower[axis] = static_cast<T>(options.lower[axis]);
+      bounds.upper[axis] = static_cast<T>(options.upper[axis]);
+      *lengths[axis] = options.upper[axis] - options.lower[axis];
+    }
+
+    const double half_margin = 0.5 * problem.reach.margin;
+    const Survey<T> of_spheres = survey(problem.spheres, half_margin, bounds, names_of_spheres);
+    const Survey<T> of_targets =
+        is_one_set ? of_spheres : survey(problem.targets, half_margin, bounds, names_of_others);
+    check_reach(of_spheres.most_size + of_targets.most_size, options);
+    prepared.is_empty =
+        problem.spheres.count == 0 || problem.targets.count == 0 || !(of_spheres.most_size + of_targets.most_size > 0);
+    if (prepared.is_empty) return prepared;
+
+    Population set{};
+    set.count = problem.targets.count;
+    set.largest_size = of_targets.most_size > 0 ? of_targets.most_size : of_spheres.most_size;
+    const int base_exponent = exponent_of(set.largest_size);
+    if (of_targets.least_size * 2 > of_targets.most_size) {
+      set.octave_counts[0] = set.count;
+    } else {
+      const OctaveCounts counts =
+          backend_.transform_reduce(set.count, CountOctaves<T>{problem.targets, half_margin, base_exponent},
+                                    OctaveCounts{}, typename OctaveCounts::Combine{});
+      std::copy(std::begin(counts.counts), std::end(counts.counts), set.octave_counts.begin());
+    }
+    for (int axis = 0; axis < 3; ++axis) {
+      set.low[axis] = of_targets.low[axis];
+      set.high[axis] = of_targets.high[axis];
+    }
+    if (!is_one_set) {
+      set.searcher_count = problem.spheres.count;
+      set.searcher_size = of_spheres.most_size;
+    }
+    problem.grid = choose_grid<T>(set, half_margin, bounds, problem.reach.period, Searcher<T>::edges);
+    searcher.build(problem);
+    return prepared;
+  }
+
+  template <class T>
+  Survey<T> survey(const SpheresIn<T>& spheres, double half_margin, const Bounds<T>& bounds, const FieldNames& names) {
+    const Survey<T> found = backend_.transform_reduce(spheres.count, SurveySpheres<T>{spheres, half_margin, bounds},
+                                                      Survey<T>{}, typename Survey<T>::Combine{});
+    if (found.first_bad != nothing_bad) {
+      refuse(spheres, static_cast<std::int64_t>(found.first_bad / 8), static_cast<Bad>(found.first_bad % 8),
+             half_margin, bounds, names);
+    }
+    return found;
+  }
+
+  template <class T>
+  [[noreturn]] void refuse(const SpheresIn<T>& spheres, std::int64_t i, Bad kind, double half_margin,
+                           const Bounds<T>& bounds, const FieldNames& names) {
+    T place[3], radius = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      backend_.copy_to_host(&place[axis], spheres.positions + i * spheres.position_step + axis * spheres.component_step,
+                            1);
+    }
+    if (spheres.radii != nullptr) backend_.copy_to_host(&radius, spheres.radii + i * spheres.radius_step, 1);
+    const std::string where = "(" + text_of(place[0]) + ", " + text_of(place[1]) + ", " + text_of(place[2]) + ")";
+    const std::string type = sizeof(T) == 4 ? "float32" : "float64";
+    switch (kind) {
+      case Bad::not_finite:
+        throw InvalidValue(names.positions, i, where, "finite numbers");
+      case Bad::radius:
+        throw InvalidValue(names.radii, i, text_of(radius), "a finite number, 0 or more");
+      case Bad::size:
+        throw InvalidValue(names.radii, i, text_of(radius),
+                           "radius + margin / 2 of 0, or from " + text_of(smallest_size<T>) + " to " +
+                               text_of(largest_size<T>) + " in " + type);
+      case Bad::outside: {
+        std::string allowed = "inside the bounds along periodic axes:";
+        for (int axis = 0; axis < 3; ++axis) {
+          if (!bounds.is_periodic[axis]) continue;
+          allowed += std::string(" ") + "xyz"[axis] + " from " + text_of(bounds.lower[axis]) + " to " +
+                     text_of(bounds.upper[axis]);
+        }
+        throw InvalidValue(names.positions, i, where, allowed);
+      }
+      case Bad::unresolved:
+        break;
+    }
+    throw InvalidValue(names.positions, i, where,
+                       "up to " + text_of(reach_in_sizes<T> * (static_cast<double>(radius) + half_margin)) +
+                           " from 0, " + (sizeof(T) == 4 ? "131072" : "2^46") +
+                           " times (radius + margin / 2): " + type + " cannot place this sphere to 1/64 of its radius" +
+                           (sizeof(T) == 4 ? "; float64 can" : ""));
+  }
+
+  void check_reach(double largest_reach, const SearchOptions& options) {
+    for (int axis = 0; axis < 3; ++axis) {
+      if (options.boundary[axis] != Boundary::periodic) continue;
+      const double length = options.upper[axis] - options.lower[axis];
+      if (2 * largest_reach * (1 + 0x1p-20) < length) continue;
+      throw InvalidValue("bounds", axis, "a period of " + text_of(length),
+                         "more than twice the largest reach (sum of two radii and the margin), " +
+                             text_of(largest_reach) + ", so that no two spheres meet twice");
+    }
+  }
+
+  B backend_;
+  Searcher<float> in_single_{backend_};
+  Searcher<double> in_double_{backend_};
+  Buffer<std::int64_t> offsets_{backend_};
+};
+
+}  // namespace fastcollide::search

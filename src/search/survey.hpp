@@ -1,0 +1,106 @@
+// One look at all numbers of the input: is each in its range, where do the spheres lie, how large are they?
+#pragma once
+
+#include "search_grid.hpp"
+
+namespace fastcollide::search {
+
+enum class Bad : std::uint8_t { not_finite, radius, unresolved, outside, size };
+
+inline constexpr std::uint64_t nothing_bad = ~std::uint64_t(0);
+
+// A place must be given to 1/64 of the sphere's size: 2^17 sizes from 0 in float32, 2^46 in float64. (At that limit
+// about one contact in a thousand is decided by the rounding of the positions.)
+template <class T>
+inline constexpr double reach_in_sizes = sizeof(T) == 4 ? 0x1p17 : 0x1p46;
+
+// Squares of sizes in this range are normal numbers.
+template <class T>
+inline constexpr double smallest_size = sizeof(T) == 4 ? 1e-15 : 1e-140;
+template <class T>
+inline constexpr double largest_size = sizeof(T) == 4 ? 1e15 : 1e140;
+
+template <class T>
+struct Survey {
+  std::uint64_t first_bad = nothing_bad;  // index * 8 + Bad
+  double low[3] = {1e300, 1e300, 1e300}, high[3] = {-1e300, -1e300, -1e300};
+  double least_size = 1e300, most_size = 0;  // radius + margin / 2
+
+  struct Combine {
+    FC_HOST_DEVICE Survey operator()(Survey a, const Survey& b) const {
+      if (b.first_bad < a.first_bad) a.first_bad = b.first_bad;
+      for (int axis = 0; axis < 3; ++axis) {
+        if (b.low[axis] < a.low[axis]) a.low[axis] = b.low[axis];
+        if (b.high[axis] > a.high[axis]) a.high[axis] = b.high[axis];
+      }
+      if (b.least_size < a.least_size) a.least_size = b.least_size;
+      if (b.most_size > a.most_size) a.most_size = b.most_size;
+      return a;
+    }
+  };
+};
+
+template <class T>
+FC_HOST_DEVICE inline bool is_finite_number(T x) {
+  return x - x == T(0);
+}
+
+template <class T>
+struct SurveySpheres {
+  SpheresIn<T> spheres;
+  double half_margin;
+  Bounds<T> bounds;
+
+  FC_HOST_DEVICE Survey<T> operator()(std::int64_t i) const {
+    Survey<T> survey;
+    const auto bad = [i](Bad kind) {
+      Survey<T> found;
+      found.first_bad = static_cast<std::uint64_t>(i) * 8 + static_cast<std::uint64_t>(kind);
+      return found;
+    };
+    const Point<T> p = spheres.position(i);
+    const T radius = spheres.radius(i);
+    if (!(is_finite_number(p.x) && is_finite_number(p.y) && is_finite_number(p.z))) return bad(Bad::not_finite);
+    if (!(radius >= T(0) && is_finite_number(radius))) return bad(Bad::radius);
+    const double size = static_cast<double>(radius) + half_margin;
+    if (size > 0 && !(size >= smallest_size<T> && size <= largest_size<T>)) return bad(Bad::size);
+    const T place[3] = {p.x, p.y, p.z};
+    for (int axis = 0; axis < 3; ++axis) {
+      const double x = place[axis];
+      if (size > 0 && fabs(x) > reach_in_sizes<T> * size) return bad(Bad::unresolved);
+      if (bounds.is_periodic[axis] && !(place[axis] >= bounds.lower[axis] && place[axis] <= bounds.upper[axis])) {
+        return bad(Bad::outside);
+      }
+      survey.low[axis] = survey.high[axis] = x;
+    }
+    survey.least_size = survey.most_size = size;
+    return survey;
+  }
+};
+
+// How many spheres there are of each size, by powers of two.
+struct OctaveCounts {
+  std::int64_t counts[octaves] = {};
+
+  struct Combine {
+    FC_HOST_DEVICE OctaveCounts operator()(OctaveCounts a, const OctaveCounts& b) const {
+      for (int octave = 0; octave < octaves; ++octave) a.counts[octave] += b.counts[octave];
+      return a;
+    }
+  };
+};
+
+template <class T>
+struct CountOctaves {
+  SpheresIn<T> spheres;
+  double half_margin;
+  int base_exponent;
+
+  FC_HOST_DEVICE OctaveCounts operator()(std::int64_t i) const {
+    OctaveCounts one;
+    one.counts[octave_of(static_cast<double>(spheres.radius(i)) + half_margin, base_exponent)] = 1;
+    return one;
+  }
+};
+
+}  // namespace fastcollide::search
