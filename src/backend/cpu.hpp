@@ -62,6 +62,7 @@ class CpuBackend {
 
   explicit CpuBackend(int threads) : threads_(threads) {}
   static int cuda_device() { return -1; }
+  int threads() const { return threads_; }
 
   template <class F>
   void for_each(std::int64_t n, const F& f) {

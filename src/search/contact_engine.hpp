@@ -1,12 +1,15 @@
 // A contact finder on one backend: checks the input, chooses the grid, searches, lays out the result.
 #pragma once
 
+#include <algorithm>
+#include <limits>
 #include <string>
 #include <utility>
 
 #include "../text.hpp"
 #include "choose_grid.hpp"
 #include "engine_interface.hpp"
+#include "free_memory.hpp"
 #include "rows_of_neighbors.hpp"
 
 namespace fastcollide::search {
@@ -165,14 +168,30 @@ class ContactEngineOn final : public ContactEngine {
       backend_.fill_zero(offsets.data(), row_count + 1);
       return 0;
     }
-    return searcher.find(prepared.problem, rows, offsets.data(), [&](std::int64_t total) {
+    const auto most = [&] { return std::min(options.most_contacts, room_for(bytes_of_entry<T>)); };
+    return searcher.find(prepared.problem, rows, offsets.data(), most, [&](std::int64_t total) {
       if (total > options.most_contacts) {
+        throw OutOfMemory("max_contacts: found " + std::to_string(total) + " contacts; allowed: at most " +
+                          std::to_string(options.most_contacts));
+      }
+      if (total > many_entries && total > room_for(bytes_of_entry<T>)) {
         throw OutOfMemory("contacts: found " + std::to_string(total) + "; allowed: at most " +
-                          std::to_string(options.most_contacts) + ", the limit given (a count alone needs no list)");
+                          std::to_string(room_for(bytes_of_entry<T>)) +
+                          " in the memory that is free (the total and the counts need no list)");
       }
       columns.resize(total);
       return columns.data();
     });
+  }
+
+  // What a list takes for each entry, with all that is needed on the way. Systems promise more memory than they have
+  // and end a process that believes them, so the host is asked first; a CUDA device says no by itself.
+  template <class T>
+  static constexpr std::int64_t bytes_of_entry = 2 * 8 + 2 * 4 + 4 * sizeof(T);
+  static constexpr std::int64_t many_entries = std::int64_t(1) << 22;
+
+  std::int64_t room_for(std::int64_t bytes) const {
+    return backend_.cuda_device() < 0 ? free_host_memory() / bytes : std::numeric_limits<std::int64_t>::max();
   }
 
   template <class T>
@@ -216,9 +235,10 @@ class ContactEngineOn final : public ContactEngine {
     if (of_targets.least_size * 2 > of_targets.most_size) {
       set.octave_counts[0] = set.count;
     } else {
-      const OctaveCounts counts =
-          backend_.transform_reduce(set.count, CountOctaves<T>{problem.targets, half_margin, base_exponent},
-                                    OctaveCounts{}, typename OctaveCounts::Combine{});
+      const Groups groups{set.count, Searcher<T>::group_size};
+      const OctaveCounts counts = backend_.transform_reduce(
+          groups.groups(), CountOctaves<T>{problem.targets, groups, half_margin, base_exponent}, OctaveCounts{},
+          typename OctaveCounts::Combine{});
       std::copy(std::begin(counts.counts), std::end(counts.counts), set.octave_counts.begin());
     }
     for (int axis = 0; axis < 3; ++axis) {
@@ -236,8 +256,10 @@ class ContactEngineOn final : public ContactEngine {
 
   template <class T>
   Survey<T> survey(const SpheresIn<T>& spheres, double half_margin, const Bounds<T>& bounds, const FieldNames& names) {
-    const Survey<T> found = backend_.transform_reduce(spheres.count, SurveySpheres<T>{spheres, half_margin, bounds},
-                                                      Survey<T>{}, typename Survey<T>::Combine{});
+    const Groups groups{spheres.count, Searcher<T>::group_size};
+    const Survey<T> found =
+        backend_.transform_reduce(groups.groups(), SurveySpheres<T>{spheres, groups, half_margin, bounds}, Survey<T>{},
+                                  typename Survey<T>::Combine{});
     if (found.first_bad != nothing_bad) {
       refuse(spheres, static_cast<std::int64_t>(found.first_bad / 8), static_cast<Bad>(found.first_bad % 8),
              half_margin, bounds, names);

@@ -1,5 +1,6 @@
-#include "../backend/cpu.hpp"
+// The contact finder on CPU threads, in its fast form and in the one that a GPU runs.
 #include "contact_engine.hpp"
+#include "cpu_searcher.hpp"
 #include "generic_searcher.hpp"
 
 namespace fastcollide {
@@ -10,8 +11,9 @@ using GenericOnCpu = search::GenericSearcher<CpuBackend, T>;
 
 }  // namespace
 
-std::unique_ptr<ContactEngine> make_cpu_contact_engine(int threads, bool) {
-  return std::make_unique<search::ContactEngineOn<CpuBackend, GenericOnCpu>>(CpuBackend(threads));
+std::unique_ptr<ContactEngine> make_cpu_contact_engine(int threads, bool is_generic) {
+  if (is_generic) return std::make_unique<search::ContactEngineOn<CpuBackend, GenericOnCpu>>(CpuBackend(threads));
+  return std::make_unique<search::ContactEngineOn<CpuBackend, search::CpuSearcher>>(CpuBackend(threads));
 }
 
 }  // namespace fastcollide

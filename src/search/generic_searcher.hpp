@@ -77,8 +77,10 @@ struct Search {
           }
         }
       };
-      visit_level(problem.grid, k, order.cell_start, p, radius, k == own ? row_of(p, problem.grid.levels[k]) : 0,
-                  visit_run);
+      const Level<T>& level = problem.grid.levels[k];
+      visit_images(problem.grid, k, order.cell_start, p,
+                   reach_into(level, radius, static_cast<T>(problem.grid.half_margin)), k == own ? row_of(p, level) : 0,
+                   true, visit_run);
     }
   }
 };
@@ -150,6 +152,7 @@ template <Backend B, class T>
 class GenericSearcher {
  public:
   static constexpr CellEdges edges{1.0, 1.0};
+  static constexpr std::int64_t group_size = 1;
 
   explicit GenericSearcher(B& backend) : backend_(backend) {}
 
@@ -179,8 +182,9 @@ class GenericSearcher {
   }
 
   // Offsets of the rows, one more than rows, and through allocate(total) the columns of each, ascending.
-  template <class Allocate>
-  std::int64_t find(const Problem<T>& problem, Rows rows, std::int64_t* offsets, const Allocate& allocate) {
+  template <class Most, class Allocate>
+  std::int64_t find(const Problem<T>& problem, Rows rows, std::int64_t* offsets, const Most&,
+                    const Allocate& allocate) {
     const std::int64_t n = problem.spheres.count;
     backend_.fill_zero(offsets, n);
     count_rows(problem, rows, offsets);

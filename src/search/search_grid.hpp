@@ -73,15 +73,20 @@ FC_HOST_DEVICE inline int stored_cell(int number, const CellAxis<T>& axis) {
   return number < 0 ? 0 : number < axis.cells ? number : axis.cells - 1;
 }
 
+// The cells with the numbers first ... last.
 template <class T>
-FC_HOST_DEVICE inline CellIntervals cells_between(T low, T high, const CellAxis<T>& axis) {
-  const int first = cell_number(low, axis), last = cell_number(high, axis);
+FC_HOST_DEVICE inline CellIntervals stored_cells(int first, int last, const CellAxis<T>& axis) {
   if (!axis.goes_round) return {{stored_cell(first, axis), 0}, {stored_cell(last, axis) + 1, 0}, 1};
   if (last - first >= axis.cells - 1) return {{0, 0}, {axis.cells, 0}, 1};
   const int begin = stored_cell(first, axis), end = begin + (last - first) + 1;
   if (end <= axis.cells) return {{begin, 0}, {end, 0}, 1};
   return {{begin, 0}, {axis.cells, end - axis.cells}, 2};
 }
+
+// The cells around a place, by number.
+struct Window {
+  int first, last;
+};
 
 template <class T>
 FC_HOST_DEVICE inline int level_of(T radius, const SearchGrid<T>& grid) {
@@ -114,15 +119,26 @@ FC_HOST_DEVICE inline T padded(T x, T reach) {
   return reach + T(4) * spacing<T> * (absolute(x) + reach);
 }
 
-// Calls visit(begin, end) for each run of slots of a level that may hold spheres within `reach` of the place, rows
-// below `from_row` left out.
+template <class T>
+FC_HOST_DEVICE inline Window window_around(T x, T reach, const CellAxis<T>& axis) {
+  const T pad = padded(x, reach);
+  return {cell_number(x - pad, axis), cell_number(x + pad, axis)};
+}
+
+// How far from a sphere others of a level may be that touch it.
+template <class T>
+FC_HOST_DEVICE inline T reach_into(const Level<T>& level, T radius, T half_margin) {
+  return (radius + half_margin) * (T(1) + T(4) * spacing<T>)+level.largest_size;
+}
+
+// Calls visit(begin, end) for each run of slots of a level in the cells of three windows, rows below `from_row` left
+// out.
 template <class T, class Visit>
-FC_HOST_DEVICE inline void visit_runs(const Level<T>& level, const std::uint32_t* cell_start, Point<T> p, T reach,
-                                      int from_row, Visit& visit) {
-  const T pad_x = padded(p.x, reach), pad_y = padded(p.y, reach), pad_z = padded(p.z, reach);
-  const CellIntervals xs = cells_between(p.x - pad_x, p.x + pad_x, level.x);
-  const CellIntervals ys = cells_between(p.y - pad_y, p.y + pad_y, level.y);
-  const CellIntervals zs = cells_between(p.z - pad_z, p.z + pad_z, level.z);
+FC_HOST_DEVICE inline void visit_runs(const Level<T>& level, const std::uint32_t* cell_start, Window along_x,
+                                      Window along_y, Window along_z, int from_row, Visit& visit) {
+  const CellIntervals xs = stored_cells(along_x.first, along_x.last, level.x);
+  const CellIntervals ys = stored_cells(along_y.first, along_y.last, level.y);
+  const CellIntervals zs = stored_cells(along_z.first, along_z.last, level.z);
   for (int c = 0; c < zs.count; ++c) {
     for (int z = zs.begin[c]; z < zs.end[c]; ++z) {
       for (int b = 0; b < ys.count; ++b) {
@@ -150,17 +166,12 @@ FC_HOST_DEVICE inline ImageSteps image_steps(T x, T reach, const SearchGrid<T>& 
   return {x + pad >= grid.bounds.upper[axis] ? -1 : 0, x - pad <= grid.bounds.lower[axis] ? 1 : 0};
 }
 
-// Calls visit(begin, end, image) for each run of slots of a level, around the place and each of its images. Rows below
-// `from_row` hold only smaller slots than the place's own; they are left out.
+// Calls visit(begin, end, image) for each run of slots of a level around the images of a place, itself included or not.
+// Rows below `from_row`, which hold only smaller slots than the place's own, are left out.
 template <class T, class Visit>
-FC_HOST_DEVICE inline void visit_level(const SearchGrid<T>& grid, int k, const std::uint32_t* cell_start, Point<T> p,
-                                       T radius, int from_row, Visit& visit) {
+FC_HOST_DEVICE inline void visit_images(const SearchGrid<T>& grid, int k, const std::uint32_t* cell_start, Point<T> p,
+                                        T reach, int from_row, bool with_itself, Visit& visit) {
   const Level<T>& level = grid.levels[k];
-  const T reach = (radius + static_cast<T>(grid.half_margin)) * (T(1) + T(4) * spacing<T>)+level.largest_size;
-  if (!grid.period.is_any()) {
-    auto visit_run = [&](std::uint32_t begin, std::uint32_t end) { visit(begin, end, no_image); };
-    return visit_runs(level, cell_start, p, reach, from_row, visit_run);
-  }
   const ImageSteps xs = image_steps(p.x, reach, grid, 0);
   const ImageSteps ys = image_steps(p.y, reach, grid, 1);
   const ImageSteps zs = image_steps(p.z, reach, grid, 2);
@@ -168,12 +179,12 @@ FC_HOST_DEVICE inline void visit_level(const SearchGrid<T>& grid, int k, const s
     for (int y = ys.first; y <= ys.last; ++y) {
       for (int x = xs.first; x <= xs.last; ++x) {
         const int image = (x + 1) + 3 * (y + 1) + 9 * (z + 1);
+        if (image == no_image && !with_itself) continue;
         const Point<double> shift = grid.period.shift(image);
         auto visit_run = [&](std::uint32_t begin, std::uint32_t end) { visit(begin, end, image); };
-        visit_runs(
-            level, cell_start,
-            Point<T>{static_cast<T>(p.x + shift.x), static_cast<T>(p.y + shift.y), static_cast<T>(p.z + shift.z)},
-            reach, from_row, visit_run);
+        visit_runs(level, cell_start, window_around(static_cast<T>(p.x + shift.x), reach, level.x),
+                   window_around(static_cast<T>(p.y + shift.y), reach, level.y),
+                   window_around(static_cast<T>(p.z + shift.z), reach, level.z), from_row, visit_run);
       }
     }
   }

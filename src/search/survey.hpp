@@ -45,18 +45,35 @@ FC_HOST_DEVICE inline bool is_finite_number(T x) {
   return x - x == T(0);
 }
 
+// Spheres are looked at in groups: a CPU thread likes long ones, the threads of a GPU take one each.
+struct Groups {
+  std::int64_t count, size;
+
+  FC_HOST_DEVICE std::int64_t groups() const { return (count + size - 1) / size; }
+  FC_HOST_DEVICE std::int64_t begin(std::int64_t group) const { return group * size; }
+  FC_HOST_DEVICE std::int64_t end(std::int64_t group) const {
+    return (group + 1) * size < count ? (group + 1) * size : count;
+  }
+};
+
 template <class T>
 struct SurveySpheres {
   SpheresIn<T> spheres;
+  Groups groups;
   double half_margin;
   Bounds<T> bounds;
 
-  FC_HOST_DEVICE Survey<T> operator()(std::int64_t i) const {
+  FC_HOST_DEVICE Survey<T> operator()(std::int64_t group) const {
     Survey<T> survey;
-    const auto bad = [i](Bad kind) {
-      Survey<T> found;
-      found.first_bad = static_cast<std::uint64_t>(i) * 8 + static_cast<std::uint64_t>(kind);
-      return found;
+    const std::int64_t end = groups.end(group);
+    for (std::int64_t i = groups.begin(group); i < end; ++i) add(i, survey);
+    return survey;
+  }
+
+  FC_HOST_DEVICE void add(std::int64_t i, Survey<T>& survey) const {
+    const auto bad = [&](Bad kind) {
+      const std::uint64_t word = static_cast<std::uint64_t>(i) * 8 + static_cast<std::uint64_t>(kind);
+      if (word < survey.first_bad) survey.first_bad = word;
     };
     const Point<T> p = spheres.position(i);
     const T radius = spheres.radius(i);
@@ -71,10 +88,11 @@ struct SurveySpheres {
       if (bounds.is_periodic[axis] && !(place[axis] >= bounds.lower[axis] && place[axis] <= bounds.upper[axis])) {
         return bad(Bad::outside);
       }
-      survey.low[axis] = survey.high[axis] = x;
+      if (x < survey.low[axis]) survey.low[axis] = x;
+      if (x > survey.high[axis]) survey.high[axis] = x;
     }
-    survey.least_size = survey.most_size = size;
-    return survey;
+    if (size < survey.least_size) survey.least_size = size;
+    if (size > survey.most_size) survey.most_size = size;
   }
 };
 
@@ -93,13 +111,17 @@ struct OctaveCounts {
 template <class T>
 struct CountOctaves {
   SpheresIn<T> spheres;
+  Groups groups;
   double half_margin;
   int base_exponent;
 
-  FC_HOST_DEVICE OctaveCounts operator()(std::int64_t i) const {
-    OctaveCounts one;
-    one.counts[octave_of(static_cast<double>(spheres.radius(i)) + half_margin, base_exponent)] = 1;
-    return one;
+  FC_HOST_DEVICE OctaveCounts operator()(std::int64_t group) const {
+    OctaveCounts counts;
+    const std::int64_t end = groups.end(group);
+    for (std::int64_t i = groups.begin(group); i < end; ++i) {
+      ++counts.counts[octave_of(static_cast<double>(spheres.radius(i)) + half_margin, base_exponent)];
+    }
+    return counts;
   }
 };
 

@@ -58,3 +58,55 @@ def deepest_in_a_wall(position, radius, bounds, boundary):
             x, r = position[:, axis].astype(np.float32), radius.astype(np.float32)
             deepest = max(deepest, (lower + r - x).max(initial=0), (x - (upper - r)).max(initial=0))
     return deepest
+
+
+def boundary_partners(position, radius, direction):
+    """For each sphere two partners of its size along the direction, one last bit of a coordinate apart: the outermost
+    that still overlaps it as decided in double precision, and the next one out, which does not."""
+    position, radius = np.asarray(position, np.float32), np.asarray(radius, np.float32)
+    reach = 2 * radius.astype(np.float64)
+    rows, axis = np.arange(len(position)), np.abs(direction).argmax(axis=1)
+    outwards = np.sign(direction[rows, axis])
+
+    def overlapping(partner):
+        return ((partner.astype(np.float64) - position.astype(np.float64)) ** 2).sum(axis=1) < reach**2
+
+    def moved(partner, which, way):
+        partner = partner.copy()
+        bit = np.maximum(np.spacing(np.abs(partner[rows, axis])), np.spacing(radius))
+        partner[rows, axis] += np.where(which, way * bit, 0).astype(np.float32)
+        return partner
+
+    inner = (position + direction * reach[:, None]).astype(np.float32)
+    for _ in range(100):
+        inner = moved(inner, ~overlapping(inner), -outwards)
+    for _ in range(100):
+        outer = moved(inner, np.full(len(inner), True), outwards)
+        inner = np.where(overlapping(outer)[:, None], outer, inner)
+    assert overlapping(inner).all()
+    assert not overlapping(outer).any()
+    return inner, outer
+
+
+def pairs_within(position, radius, margin=0.0, others=None, lower=None, upper=None, inclusive=False):
+    """Pairs with d² < (r₁ + r₂ + margin)² as sorted rows (first, second), every operation in double precision: within
+    one set (first < second), or of one from each where others = (positions, radii). To the nearest image along the axes
+    where lower and upper are given (NaN along the others)."""
+    position, radius = np.asarray(position, np.float64), np.asarray(radius, np.float64)
+    other_position, other_radius = (position, radius) if others is None else (np.asarray(a, np.float64) for a in others)
+    period = np.full(3, np.nan) if lower is None else np.asarray(upper, np.float64) - np.asarray(lower, np.float64)
+    found = []
+    for i in range(len(position)):
+        offset = other_position - position[i]
+        for axis in np.flatnonzero(np.isfinite(period)):
+            across = offset[:, axis]
+            half = period[axis] / 2
+            offset[:, axis] = across - period[axis] * (across > half) + period[axis] * (across < -half)
+        squared = offset[:, 0] * offset[:, 0] + offset[:, 1] * offset[:, 1] + offset[:, 2] * offset[:, 2]
+        reach = (radius[i] + other_radius) + margin
+        hit = squared <= reach * reach if inclusive else squared < reach * reach
+        if others is None:
+            hit[: i + 1] = False
+        partners = np.flatnonzero(hit)
+        found.append(np.stack([np.full(len(partners), i), partners], axis=1))
+    return np.concatenate(found) if found else np.empty((0, 2), np.int64)

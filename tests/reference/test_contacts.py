@@ -5,7 +5,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reference.all_pairs import GOLDEN_SETS, deepest_in_a_wall, golden_cloud, overlapping_pairs, pair_hash
+from reference.all_pairs import (
+    GOLDEN_SETS,
+    boundary_partners,
+    deepest_in_a_wall,
+    golden_cloud,
+    overlapping_pairs,
+    pair_hash,
+)
 
 EPSILON = float(np.finfo(np.float32).eps)
 
@@ -53,34 +60,6 @@ def assert_contacts_are_right(world):
     in_walls = deepest_in_a_wall(position, radius, world.bounds, "wall")
     assert world.max_overlap() == max(-gap.min(initial=0), in_walls)
     return len(first)
-
-
-def boundary_partners(position, radius, direction):
-    """For each sphere two partners of its size along the direction, one last bit of a coordinate apart: the outermost
-    that still overlaps it as decided in double precision, and the next one out, which does not."""
-    position, radius = np.asarray(position, np.float32), np.asarray(radius, np.float32)
-    reach = 2 * radius.astype(np.float64)
-    rows, axis = np.arange(len(position)), np.abs(direction).argmax(axis=1)
-    outwards = np.sign(direction[rows, axis])
-
-    def overlapping(partner):
-        return ((partner.astype(np.float64) - position.astype(np.float64)) ** 2).sum(axis=1) < reach**2
-
-    def moved(partner, which, way):
-        partner = partner.copy()
-        bit = np.maximum(np.spacing(np.abs(partner[rows, axis])), np.spacing(radius))
-        partner[rows, axis] += np.where(which, way * bit, 0).astype(np.float32)
-        return partner
-
-    inner = (position + direction * reach[:, None]).astype(np.float32)
-    for _ in range(100):
-        inner = moved(inner, ~overlapping(inner), -outwards)
-    for _ in range(100):
-        outer = moved(inner, np.full(len(inner), True), outwards)
-        inner = np.where(overlapping(outer)[:, None], outer, inner)
-    assert overlapping(inner).all()
-    assert not overlapping(outer).any()
-    return inner, outer
 
 
 @pytest.mark.parametrize("name", GOLDEN_SETS)

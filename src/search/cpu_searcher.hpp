@@ -1,0 +1,250 @@
+// The fast form of the search on a CPU. It finds what GenericSearcher finds.
+#pragma once
+
+#include <atomic>
+
+#include "atomic_add.hpp"
+#include "bucket_sort.hpp"
+#include "cell_order_search.hpp"
+#include "problem.hpp"
+
+namespace fastcollide::search {
+
+template <class T>
+class CpuSearcher {
+ public:
+  // Rows twice as wide as the reach: four runs of slots around a sphere, each long enough for wide vector units.
+  static constexpr CellEdges edges{1.0, 2.0};
+  static constexpr std::int64_t group_size = 64;
+
+  explicit CpuSearcher(CpuBackend& backend)
+      : slabs_(backend.threads()), backend_(backend), filter_(filter_runs<T>(best_simd())) {}
+
+  void build(const Problem<T>& problem) {
+    order(problem.targets, problem.grid, false, targets_);
+    // Another set searches in the order of its own places, so that what it reads stays in the cache.
+    if (!problem.is_one_set) order(problem.spheres, problem.grid, true, searchers_);
+  }
+
+  std::int64_t count(const Problem<T>& problem) {
+    std::atomic<std::int64_t> total = 0;
+    search(problem, [&](int) {
+      return [&total](std::int64_t hits, const std::uint32_t*, const std::uint32_t*) {
+        total.fetch_add(hits, std::memory_order_relaxed);
+      };
+    });
+    return total;
+  }
+
+  void count_rows(const Problem<T>& problem, Rows rows, std::int64_t* counts) {
+    const std::uint32_t* query_ids = ids_of_searchers(problem);
+    const std::uint32_t* slot_ids = targets_.ids.data();
+    const bool both = problem.is_one_set && rows == Rows::both;
+    search(problem, [=](int) {
+      return [=](std::int64_t hits, const std::uint32_t* queries, const std::uint32_t* slots) {
+        for (std::int64_t k = 0; k < hits; ++k) {
+          const std::uint32_t i = query_ids[queries[k]], j = slot_ids[slots[k]];
+          atomic_add(counts + (problem.is_one_set && !both ? std::min(i, j) : i), 1);
+          if (both) atomic_add(counts + j, 1);
+        }
+      };
+    });
+  }
+
+  // `most`: how many entries the caller will take; beyond, allocate() is called with the right number all the same.
+  template <class Most, class Allocate>
+  std::int64_t find(const Problem<T>& problem, Rows rows, std::int64_t* offsets, const Most& most,
+                    const Allocate& allocate) {
+    const std::int64_t row_count = problem.spheres.count;
+    const bool both = problem.is_one_set && rows == Rows::both;
+    const std::uint32_t* query_ids = ids_of_searchers(problem);
+    const std::uint32_t* slot_ids = targets_.ids.data();
+    for (WordList& list : found_) list.size = 0;
+    found_.reserve(static_cast<std::size_t>(search_slabs(problem)));
+    while (static_cast<int>(found_.size()) < search_slabs(problem)) found_.emplace_back(backend_);
+    std::atomic<std::int64_t> written = 0;
+    std::atomic<bool> is_too_much = false;
+    search(problem, [&](int slab) {
+      WordList* list = &found_[static_cast<std::size_t>(slab)];
+      return [=, &written, &is_too_much](std::int64_t hits, const std::uint32_t* queries, const std::uint32_t* slots) {
+        if (is_too_much.load(std::memory_order_relaxed)) return;
+        std::uint64_t* words = list->grow(both ? 2 * hits : hits, [&](std::int64_t added) {
+          // Long lists alone are worth a look at the memory that is left.
+          const std::int64_t total = written.fetch_add(added, std::memory_order_relaxed) + added;
+          if (total > many_words && total > most()) is_too_much = true;
+        });
+        for (std::int64_t k = 0; k < hits; ++k) {
+          const std::uint32_t i = query_ids[queries[k]], j = slot_ids[slots[k]];
+          if (both) {
+            words[2 * k] = word_of(i, j);
+            words[2 * k + 1] = word_of(j, i);
+          } else {
+            words[k] = problem.is_one_set ? word_of(std::min(i, j), std::max(i, j)) : word_of(i, j);
+          }
+        }
+      };
+    });
+    if (is_too_much) {
+      for (WordList& list : found_) list = WordList(backend_);
+      const std::int64_t total = count(problem) * (both ? 2 : 1);
+      allocate(total);
+      throw OutOfMemory("contacts: found " + std::to_string(total) + ", more than the memory holds");
+    }
+    std::int64_t total = 0;
+    for (const WordList& list : found_) total += list.size;
+    std::int32_t* columns = allocate(total);
+    const Buckets buckets(row_count, std::max(total, row_count));
+    sort_.sort(
+        slabs_, buckets, row_count, static_cast<int>(found_.size()), total,
+        [&](int slab) {
+          const WordList& list = found_[static_cast<std::size_t>(slab)];
+          return std::pair(list.words.data(), list.words.data() + list.size);
+        },
+        [&](std::int64_t first_row, std::int64_t end_row, std::int64_t place, const std::uint64_t* begin,
+            const std::uint64_t* end) { lay_out_rows(first_row, end_row, place, begin, end, offsets, columns); });
+    offsets[row_count] = total;
+    return total;
+  }
+
+ private:
+  using Order = CellOrder<CpuBackend, T>;
+
+  static constexpr std::int64_t many_words = std::int64_t(1) << 22;
+
+  struct WordList {
+    explicit WordList(CpuBackend& backend) : words(backend) {}
+
+    // Room for more words; tell(bytes of growth) hears of new memory.
+    template <class Tell>
+    std::uint64_t* grow(std::int64_t more, const Tell& tell) {
+      const std::int64_t before = size;
+      size += more;
+      if (size > words.size()) {
+        const std::int64_t room = std::max(size, 2 * words.size());
+        tell(room - words.size());
+        words.resize(room);
+      }
+      return words.data() + before;
+    }
+
+    CpuBackend::Buffer<std::uint64_t> words;
+    std::int64_t size = 0;
+  };
+
+  const std::uint32_t* ids_of_searchers(const Problem<T>& problem) const {
+    return problem.is_one_set ? targets_.ids.data() : searchers_.ids.data();
+  }
+
+  int search_slabs(const Problem<T>& problem) const { return slabs_.count(problem.spheres.count, 512, 8); }
+
+  // make_sink(slab) gives what receives the hits of a slab.
+  template <class MakeSink>
+  void search(const Problem<T>& problem, const MakeSink& make_sink) {
+    const Order& from = problem.is_one_set ? targets_ : searchers_;
+    const SlotSearch<T> input{problem.grid,
+                              targets_.cell_start.data(),
+                              {from.x.data(), from.y.data(), from.z.data(), radii_or_null(from), targets_.x.data(),
+                               targets_.y.data(), targets_.z.data(), radii_or_null(targets_), problem.reach},
+                              problem.is_one_set,
+                              filter_};
+    slabs_.run(search_slabs(problem), problem.spheres.count, [&](int slab, std::int64_t begin, std::int64_t end) {
+      auto sink = make_sink(slab);
+      search_slots(input, begin, end, sink);
+    });
+  }
+
+  static const T* radii_or_null(const Order& order) { return order.radii.size() > 0 ? order.radii.data() : nullptr; }
+
+  // Sorts spheres by (cell, index) and copies them there. Searchers have no level of their own: the finest serves.
+  void order(const SpheresIn<T>& spheres, const SearchGrid<T>& grid, bool are_searchers, Order& to) {
+    const std::int64_t n = spheres.count;
+    to.ids.resize(n);
+    for (auto* buffer : {&to.x, &to.y, &to.z}) buffer->resize(n + slot_padding);
+    to.radii.resize(spheres.radii == nullptr ? 0 : n + slot_padding);
+    to.cell_start.resize(std::int64_t(grid.cell_count) + 1);
+    cell_words_.resize(n);
+    const int parts = slabs_.count(n, 4096, 2);
+    slabs_.run(parts, n, [&](int, std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) {
+        const int k = are_searchers ? grid.level_count - 1 : level_of(spheres.radius(i), grid);
+        cell_words_.data()[i] = word_of(cell_of(spheres.position(i), grid.levels[k]), static_cast<std::uint32_t>(i));
+      }
+    });
+    const Buckets buckets(grid.cell_count, n);
+    sort_.sort(
+        slabs_, buckets, grid.cell_count, parts, n,
+        [&](int slab) {
+          const std::uint64_t* words = cell_words_.data();
+          return std::pair(words + n * slab / parts, words + n * (slab + 1) / parts);
+        },
+        [&](std::int64_t first_cell, std::int64_t end_cell, std::int64_t place, const std::uint64_t* begin,
+            const std::uint64_t* end) {
+          std::uint32_t* starts = to.cell_start.data();
+          std::fill(starts + first_cell, starts + end_cell, 0u);
+          for (const std::uint64_t* word = begin; word != end; ++word) ++starts[key_of(*word)];
+          auto next = static_cast<std::uint32_t>(place);
+          for (std::int64_t cell = first_cell; cell < end_cell; ++cell) {
+            const std::uint32_t count = starts[cell];
+            starts[cell] = next;
+            next += count;
+          }
+          for (const std::uint64_t* word = begin; word != end; ++word) {
+            const std::uint32_t slot = starts[key_of(*word)]++, id = static_cast<std::uint32_t>(*word);
+            const Point<T> p = spheres.position(id);
+            to.ids.data()[slot] = id;
+            to.x.data()[slot] = p.x;
+            to.y.data()[slot] = p.y;
+            to.z.data()[slot] = p.z;
+            if (spheres.radii != nullptr) to.radii.data()[slot] = spheres.radius(id);
+          }
+          // Each start has moved on to the next one: move them back.
+          for (std::int64_t cell = end_cell - 1; cell > first_cell; --cell) starts[cell] = starts[cell - 1];
+          starts[first_cell] = static_cast<std::uint32_t>(place);
+        });
+    to.cell_start.data()[grid.cell_count] = static_cast<std::uint32_t>(n);
+  }
+
+  // The rows of a bucket: their offsets, and their columns in ascending order.
+  static void lay_out_rows(std::int64_t first_row, std::int64_t end_row, std::int64_t place, const std::uint64_t* begin,
+                           const std::uint64_t* end, std::int64_t* offsets, std::int32_t* columns) {
+    std::fill(offsets + first_row, offsets + end_row, 0);
+    for (const std::uint64_t* word = begin; word != end; ++word) ++offsets[key_of(*word)];
+    std::int64_t next = place;
+    for (std::int64_t row = first_row; row < end_row; ++row) {
+      const std::int64_t count = offsets[row];
+      offsets[row] = next;
+      next += count;
+    }
+    for (const std::uint64_t* word = begin; word != end; ++word) {
+      columns[offsets[key_of(*word)]++] = static_cast<std::int32_t>(*word & 0xFFFFFFFFu);
+    }
+    std::int64_t row_begin = place;
+    for (std::int64_t row = first_row; row < end_row; ++row) {
+      const std::int64_t row_end = offsets[row];  // each offset has moved on to the next one: move it back
+      offsets[row] = row_begin;
+      sort_columns(columns + row_begin, columns + row_end);
+      row_begin = row_end;
+    }
+  }
+
+  static void sort_columns(std::int32_t* begin, std::int32_t* end) {
+    constexpr std::ptrdiff_t short_row = 24;
+    if (end - begin > short_row) return std::sort(begin, end);
+    for (std::int32_t* place = begin + 1; place < end; ++place) {
+      const std::int32_t held = *place;
+      std::int32_t* hole = place;
+      for (; hole > begin && hole[-1] > held; --hole) *hole = hole[-1];
+      *hole = held;
+    }
+  }
+
+  Slabs slabs_;
+  CpuBackend& backend_;
+  FilterRuns<T> filter_;
+  Order targets_{backend_}, searchers_{backend_};
+  CpuBackend::Buffer<std::uint64_t> cell_words_{backend_};
+  BucketSort sort_{backend_};
+  std::vector<WordList> found_;
+};
+
+}  // namespace fastcollide::search
