@@ -32,13 +32,13 @@ class RunBatch {
   RunBatch(const SlotSearch<T>& input, Sink& sink) : input_(input), sink_(sink) {}
 
   void add(std::uint32_t query, std::uint32_t begin, std::uint32_t end, int image) {
-    while (begin < end) {
-      const std::uint32_t part = std::min<std::uint32_t>(end - begin, most_candidates);
-      if (run_count_ == most_runs || candidates_ + part > most_candidates) flush();
-      runs_[static_cast<std::size_t>(run_count_++)] = {query, begin, begin + part, image};
-      candidates_ += part;
-      begin += part;
-    }
+    // Written without a branch: whether a run is empty is hard to predict.
+    const std::uint32_t length = end > begin ? end - begin : 0;
+    runs_[static_cast<std::size_t>(run_count_)] = {query, begin, end, image};
+    run_count_ += length > 0 ? 1 : 0;
+    candidates_ += length;
+    if (candidates_ > most_candidates || run_count_ == most_runs) [[unlikely]]
+      make_room();
   }
 
   void flush() {
@@ -50,6 +50,21 @@ class RunBatch {
   }
 
  private:
+  // The last run may be too long for what is left, or for all there is: it goes part by part.
+  void make_room() {
+    Run last = runs_[static_cast<std::size_t>(--run_count_)];
+    candidates_ -= last.end - last.begin;
+    flush();
+    while (last.begin < last.end) {
+      const std::uint32_t part = std::min<std::uint32_t>(last.end - last.begin, most_candidates);
+      runs_[0] = {last.query, last.begin, last.begin + part, last.image};
+      run_count_ = 1;
+      candidates_ = part;
+      last.begin += part;
+      if (last.begin < last.end) flush();
+    }
+  }
+
   static constexpr int most_runs = 512;
   static constexpr std::uint32_t most_candidates = 8192;  // 64 KiB of hits: they stay in the cache
 
@@ -81,8 +96,8 @@ class WindowBlock {
     compute(level.z, spheres.query_z + n, count, z_);
     if (level.y.goes_round || level.z.goes_round) return;
     for (int i = 0; i < count; ++i) {
-      rows_[i] =
-          cell_on_axis(spheres.query_y[n + i], level.y) + level.y.cells * cell_on_axis(spheres.query_z[n + i], level.z);
+      own_y_[i] = cell_at(spheres.query_y[n + i], level.y);
+      own_z_[i] = cell_at(spheres.query_z[n + i], level.z);
     }
   }
 
@@ -90,8 +105,9 @@ class WindowBlock {
   Window x(int i) const { return {x_.first[i], x_.last[i]}; }
   Window y(int i) const { return {y_.first[i], y_.last[i]}; }
   Window z(int i) const { return {z_.first[i], z_.last[i]}; }
-  // Of the sphere's own place; only where no axis of the level goes round.
-  int row(int i) const { return rows_[i]; }
+  // The row of the sphere itself; only where no axis of the level goes round.
+  int own_y(int i) const { return own_y_[i]; }
+  int own_z(int i) const { return own_z_[i]; }
 
  private:
   using Numbers = std::array<int, size>;
@@ -99,15 +115,8 @@ class WindowBlock {
     Numbers first, last;
   };
 
-  // stored_cell(cell_number()) of an axis that does not go round: cut first, what is left is not negative.
-  static int cell_on_axis(T x, const CellAxis<T>& axis) {
-    const T cell = (x - axis.origin) * axis.inverse_edge, last = static_cast<T>(axis.cells - 1);
-    const T cut = cell > T(0) ? cell : T(0);
-    return static_cast<int>(cut < last ? cut : last);
-  }
-
   void compute(const CellAxis<T>& axis, const T* x, int count, Windows& windows) const {
-    const CellAxis<T> held = axis;
+    CellAxis<T> held = axis;
     if (axis.goes_round) {
       for (int i = 0; i < count; ++i) {
         const Window window = window_around(x[i], reach_[i], held);
@@ -116,16 +125,17 @@ class WindowBlock {
       }
       return;
     }
+    held.goes_round = false;  // known to the compiler, too
     for (int i = 0; i < count; ++i) {
       const T pad = padded(x[i], reach_[i]);
-      windows.first[i] = cell_on_axis(x[i] - pad, held);
-      windows.last[i] = cell_on_axis(x[i] + pad, held);
+      windows.first[i] = cell_at(x[i] - pad, held);
+      windows.last[i] = cell_at(x[i] + pad, held);
     }
   }
 
   std::array<T, size> reach_;
   Windows x_, y_, z_;
-  Numbers rows_;
+  Numbers own_y_, own_z_;
 };
 
 // Adds the runs of one level for a block of spheres. `is_own`: pairs with slots up to the sphere's own are left out.
@@ -148,15 +158,12 @@ void add_runs(const SlotSearch<T>& input, int k, bool is_own, std::int64_t n, in
       visit_runs(level, input.cell_start, windows.x(i), windows.y(i), windows.z(i), 0, visit_run);
     } else {
       const Window x = windows.x(i), y = windows.y(i), z = windows.z(i);
-      const int from_row = is_own ? windows.row(i) : 0;
-      for (int row_z = z.first; row_z <= z.last; ++row_z) {
-        for (int row_y = y.first; row_y <= y.last; ++row_y) {
-          const int row = row_y + level.y.cells * row_z;
-          if (row < from_row) continue;
-          const std::uint32_t* cells =
-              cell_start + static_cast<std::uint32_t>(level.x.cells) * static_cast<std::uint32_t>(row);
-          visit_run(cells[x.first], cells[x.last + 1]);
-        }
+      // In its own level a sphere starts with its own row: those before hold earlier slots alone.
+      int row_y = is_own ? windows.own_y(i) : y.first;
+      for (int row_z = is_own ? windows.own_z(i) : z.first; row_z <= z.last; ++row_z, row_y = y.first) {
+        const std::uint32_t* cells = cell_start + static_cast<std::int64_t>(level.x.cells) *
+                                                      (row_y + static_cast<std::int64_t>(level.y.cells) * row_z);
+        for (; row_y <= y.last; ++row_y, cells += level.x.cells) visit_run(cells[x.first], cells[x.last + 1]);
       }
     }
     if (is_periodic) {

@@ -53,16 +53,14 @@ class ContactEngineOn final : public ContactEngine {
       Buffer<std::int32_t> first(backend_), second(backend_);
       Buffer<T> gap(backend_);
       Buffer<Point<T>> normal(backend_);
-      const std::int64_t total = find(problem, searcher, Rows::once, rows, offsets_, second, input.options);
-      first.resize(total);
+      const std::int64_t total = find(problem, searcher, Rows::once, rows, offsets_, second, &first, input.options);
       if (is_measured) {
         gap.resize(total);
         normal.resize(total);
+        backend_.for_each(
+            total, MeasureContacts<T>{problem.problem.spheres, problem.problem.targets, problem.problem.reach.period,
+                                      problem.common_radii, first.data(), second.data(), gap.data(), normal.data()});
       }
-      backend_.for_each(rows,
-                        MeasureContacts<T>{problem.problem.spheres, problem.problem.targets, problem.problem.reach,
-                                           problem.common_radii, offsets_.data(), second.data(), first.data(),
-                                           is_measured ? gap.data() : nullptr, normal.data()});
       return ContactList{view(first, 0), view(second, 0), view(gap, 0), view(normal, 3)};
     });
   }
@@ -76,7 +74,7 @@ class ContactEngineOn final : public ContactEngine {
       Buffer<std::int32_t> columns(backend_);
       Buffer<T> distances(backend_);
       offsets.resize(rows + 1);
-      find(problem, searcher, Rows::both, rows, offsets, columns, input.options);
+      find(problem, searcher, Rows::both, rows, offsets, columns, nullptr, input.options);
       NeighborList found;
       const bool is_limited = list.most_neighbors < input.options.most_contacts || list.sort_by_distance;
       const std::int64_t shortened =
@@ -162,7 +160,8 @@ class ContactEngineOn final : public ContactEngine {
 
   template <class T>
   std::int64_t find(const Prepared<T>& prepared, Searcher<T>& searcher, Rows rows, std::int64_t row_count,
-                    Buffer<std::int64_t>& offsets, Buffer<std::int32_t>& columns, const SearchOptions& options) {
+                    Buffer<std::int64_t>& offsets, Buffer<std::int32_t>& columns, Buffer<std::int32_t>* row_of_each,
+                    const SearchOptions& options) {
     offsets.resize(row_count + 1);
     if (prepared.is_empty) {
       backend_.fill_zero(offsets.data(), row_count + 1);
@@ -180,7 +179,8 @@ class ContactEngineOn final : public ContactEngine {
                           " in the memory that is free (the total and the counts need no list)");
       }
       columns.resize(total);
-      return columns.data();
+      if (row_of_each != nullptr) row_of_each->resize(total);
+      return Columns{columns.data(), row_of_each == nullptr ? nullptr : row_of_each->data()};
     });
   }
 

@@ -92,7 +92,7 @@ class CpuSearcher {
     }
     std::int64_t total = 0;
     for (const WordList& list : found_) total += list.size;
-    std::int32_t* columns = allocate(total);
+    const Columns columns = allocate(total);
     const Buckets buckets(row_count, std::max(total, row_count));
     sort_.sort(
         slabs_, buckets, row_count, static_cast<int>(found_.size()), total,
@@ -101,7 +101,10 @@ class CpuSearcher {
           return std::pair(list.words.data(), list.words.data() + list.size);
         },
         [&](std::int64_t first_row, std::int64_t end_row, std::int64_t place, const std::uint64_t* begin,
-            const std::uint64_t* end) { lay_out_rows(first_row, end_row, place, begin, end, offsets, columns); });
+            const std::uint64_t* end) {
+          thread_local std::vector<std::uint64_t> sorted;
+          lay_out_rows(first_row, end_row, place, begin, end, sorted, offsets, columns);
+        });
     offsets[row_count] = total;
     return total;
   }
@@ -204,37 +207,49 @@ class CpuSearcher {
     to.cell_start.data()[grid.cell_count] = static_cast<std::uint32_t>(n);
   }
 
-  // The rows of a bucket: their offsets, and their columns in ascending order.
+  // The words of a bucket in order: the offsets of its rows, and what each word says.
   static void lay_out_rows(std::int64_t first_row, std::int64_t end_row, std::int64_t place, const std::uint64_t* begin,
-                           const std::uint64_t* end, std::int64_t* offsets, std::int32_t* columns) {
+                           const std::uint64_t* end, std::vector<std::uint64_t>& sorted, std::int64_t* offsets,
+                           const Columns& to) {
+    sorted.resize(static_cast<std::size_t>(end - begin));
     std::fill(offsets + first_row, offsets + end_row, 0);
     for (const std::uint64_t* word = begin; word != end; ++word) ++offsets[key_of(*word)];
-    std::int64_t next = place;
+    std::int64_t next = 0, longest = 0;
     for (std::int64_t row = first_row; row < end_row; ++row) {
       const std::int64_t count = offsets[row];
+      longest = std::max(longest, count);
       offsets[row] = next;
       next += count;
     }
     for (const std::uint64_t* word = begin; word != end; ++word) {
-      columns[offsets[key_of(*word)]++] = static_cast<std::int32_t>(*word & 0xFFFFFFFFu);
+      sorted[static_cast<std::size_t>(offsets[key_of(*word)]++)] = *word;
     }
-    std::int64_t row_begin = place;
-    for (std::int64_t row = first_row; row < end_row; ++row) {
-      const std::int64_t row_end = offsets[row];  // each offset has moved on to the next one: move it back
-      offsets[row] = row_begin;
-      sort_columns(columns + row_begin, columns + row_end);
-      row_begin = row_end;
+    // Each offset has moved on to the next one: move it back, to its place among all.
+    for (std::int64_t row = end_row - 1; row > first_row; --row) offsets[row] = place + offsets[row - 1];
+    offsets[first_row] = place;
+
+    // The words are in the order of their rows; in each row those of a few must change places.
+    constexpr std::int64_t many = 32;
+    if (longest > many) {
+      std::sort(sorted.begin(), sorted.end());
+    } else {
+      sort_nearly_sorted(sorted);
+    }
+    for (std::size_t k = 0; k < sorted.size(); ++k) {
+      to.columns[place + static_cast<std::int64_t>(k)] = static_cast<std::int32_t>(sorted[k] & 0xFFFFFFFFu);
+    }
+    if (to.rows == nullptr) return;
+    for (std::size_t k = 0; k < sorted.size(); ++k) {
+      to.rows[place + static_cast<std::int64_t>(k)] = static_cast<std::int32_t>(key_of(sorted[k]));
     }
   }
 
-  static void sort_columns(std::int32_t* begin, std::int32_t* end) {
-    constexpr std::ptrdiff_t short_row = 24;
-    if (end - begin > short_row) return std::sort(begin, end);
-    for (std::int32_t* place = begin + 1; place < end; ++place) {
-      const std::int32_t held = *place;
-      std::int32_t* hole = place;
-      for (; hole > begin && hole[-1] > held; --hole) *hole = hole[-1];
-      *hole = held;
+  static void sort_nearly_sorted(std::vector<std::uint64_t>& words) {
+    for (std::size_t place = 1; place < words.size(); ++place) {
+      const std::uint64_t held = words[place];
+      std::size_t hole = place;
+      for (; hole > 0 && words[hole - 1] > held; --hole) words[hole] = words[hole - 1];
+      words[hole] = held;
     }
   }
 

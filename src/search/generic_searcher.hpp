@@ -138,13 +138,15 @@ struct FillRows {
 
 struct SortRows {
   const std::int64_t* offsets;
-  std::int32_t* columns;
+  Columns to;
 
   FC_HOST_DEVICE void operator()(std::int64_t row) const {
-    std::int32_t* here = columns + offsets[row];
+    std::int32_t* here = to.columns + offsets[row];
     sort_row(
         offsets[row + 1] - offsets[row], [here](std::int64_t a, std::int64_t b) { return here[a] < here[b]; },
         [here](std::int64_t a, std::int64_t b) { exchange(here[a], here[b]); });
+    if (to.rows == nullptr) return;
+    for (std::int64_t k = offsets[row]; k < offsets[row + 1]; ++k) to.rows[k] = static_cast<std::int32_t>(row);
   }
 };
 
@@ -191,11 +193,11 @@ class GenericSearcher {
     backend_.exclusive_scan(offsets, n);
     std::int64_t total = 0;
     backend_.copy_to_host(&total, static_cast<const std::int64_t*>(offsets) + n, 1);
-    std::int32_t* columns = allocate(total);
+    const Columns to = allocate(total);
     next_.resize(n);
     backend_.copy(next_.data(), static_cast<const std::int64_t*>(offsets), n);
-    backend_.for_each(n, FillRows<T>{search(problem), rows, next_.data(), columns});
-    backend_.for_each(n, SortRows{offsets, columns});
+    backend_.for_each(n, FillRows<T>{search(problem), rows, next_.data(), to.columns});
+    backend_.for_each(n, SortRows{offsets, to});
     return total;
   }
 

@@ -19,6 +19,12 @@ struct Problem {
 // in the row of the first.
 enum class Rows : std::uint8_t { once, both };
 
+// Where the entries of the rows go.
+struct Columns {
+  std::int32_t* columns;
+  std::int32_t* rows;  // the row of each entry; or null
+};
+
 // The spheres of a grid in the order of (cell, index). A slot is a place in that order.
 template <Backend B, class T>
 struct CellOrder {

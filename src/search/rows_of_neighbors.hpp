@@ -9,27 +9,20 @@ namespace fastcollide::search {
 template <class T>
 struct MeasureContacts {
   SpheresIn<T> spheres, targets;
-  Reach reach;
+  Period period;
   double common_radii;  // twice the radius that all share
-  const std::int64_t* offsets;
-  const std::int32_t* columns;
-  std::int32_t* first;
-  T* gap;  // or null, with the next
+  const std::int32_t* first;
+  const std::int32_t* second;
+  T* gap;
   Point<T>* normal;
 
-  FC_HOST_DEVICE void operator()(std::int64_t row) const {
-    const std::int64_t end = offsets[row + 1];
-    for (std::int64_t k = offsets[row]; k < end; ++k) {
-      first[k] = static_cast<std::int32_t>(row);
-      if (gap == nullptr) continue;
-      const std::int64_t other = columns[k];
-      const double radii =
-          (static_cast<double>(spheres.radius(row)) + static_cast<double>(targets.radius(other))) + common_radii;
-      const Surfaces<T> surfaces =
-          surfaces_between(spheres.position(row), targets.position(other), radii, reach.period);
-      gap[k] = surfaces.gap;
-      normal[k] = surfaces.normal;
-    }
+  FC_HOST_DEVICE void operator()(std::int64_t k) const {
+    const std::int64_t i = first[k], j = second[k];
+    const double radii =
+        (static_cast<double>(spheres.radius(i)) + static_cast<double>(targets.radius(j))) + common_radii;
+    const Surfaces<T> surfaces = surfaces_between(spheres.position(i), targets.position(j), radii, period);
+    gap[k] = surfaces.gap;
+    normal[k] = surfaces.normal;
   }
 };
 

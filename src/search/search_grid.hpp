@@ -95,14 +95,23 @@ FC_HOST_DEVICE inline int level_of(T radius, const SearchGrid<T>& grid) {
              : grid.level_of_octave[octave_of(static_cast<double>(radius) + grid.half_margin, grid.base_exponent)];
 }
 
+// stored_cell(cell_number(x)), for an axis that does not go round with less work: cut first, what is left is no less
+// than 0, and to cut towards 0 is to round down.
+template <class T>
+FC_HOST_DEVICE inline int cell_at(T x, const CellAxis<T>& axis) {
+  if (axis.goes_round) return stored_cell(cell_number(x, axis), axis);
+  const T cell = (x - axis.origin) * axis.inverse_edge, last = static_cast<T>(axis.cells - 1);
+  const T cut = cell > T(0) ? cell : T(0);
+  return static_cast<int>(cut < last ? cut : last);
+}
+
 template <class T>
 FC_HOST_DEVICE inline int row_of(Point<T> p, const Level<T>& level) {
-  return stored_cell(cell_number(p.y, level.y), level.y) +
-         level.y.cells * stored_cell(cell_number(p.z, level.z), level.z);
+  return cell_at(p.y, level.y) + level.y.cells * cell_at(p.z, level.z);
 }
 template <class T>
 FC_HOST_DEVICE inline std::uint32_t cell_of(Point<T> p, const Level<T>& level) {
-  return level.first_cell + static_cast<std::uint32_t>(stored_cell(cell_number(p.x, level.x), level.x)) +
+  return level.first_cell + static_cast<std::uint32_t>(cell_at(p.x, level.x)) +
          static_cast<std::uint32_t>(level.x.cells) * static_cast<std::uint32_t>(row_of(p, level));
 }
 
