@@ -266,7 +266,7 @@ def compare(count, ratio, repeats, threads):
         processor = statistics.median(processor_seconds[name])
         rows.append(
             {
-                "search": name, "spheres": count, "sizes": f"1:{ratio}", "pairs": found[name],
+                "search": name, "spheres": count, "sizes": f"1:{ratio}", "pairs": int(found[name]),
                 "best_ms": round(1e3 * min(values), 2), "median_ms": round(1e3 * statistics.median(values), 2),
                 "processor_ms": round(1e3 * processor, 2), "times_fastcollide": round(processor / ours, 2),
             }

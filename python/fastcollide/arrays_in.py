@@ -66,8 +66,13 @@ def _on_host(field: str, value: Any, dtype: DTypeLike | None) -> ArrayIn:
     if kind == "torch":
         value = value.detach()
     try:
-        array = value.numpy() if kind == "torch" else np.asarray(value)
-    except (TypeError, ValueError, RuntimeError) as error:
+        if kind == "torch":
+            array = value.numpy()
+        elif kind == "other" and hasattr(value, "__dlpack__") and not hasattr(value, "__array__"):
+            array = np.from_dlpack(value)
+        else:
+            array = np.asarray(value)
+    except (BufferError, TypeError, ValueError, RuntimeError) as error:
         raise InvalidValue(f"{field}: found no array of numbers ({error}); allowed: an array", field) from None
     if array.dtype.kind not in "fiu" or array.dtype.itemsize > 8:
         raise InvalidValue(f"{field}: found an array of {array.dtype}; allowed: float32 or float64", field)

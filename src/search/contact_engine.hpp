@@ -76,14 +76,13 @@ class ContactEngineOn final : public ContactEngine {
       offsets.resize(rows + 1);
       find(problem, searcher, Rows::both, rows, offsets, columns, nullptr, input.options);
       NeighborList found;
-      const bool is_limited = list.most_neighbors < input.options.most_contacts || list.sort_by_distance;
       const std::int64_t shortened =
           list.most_neighbors == std::numeric_limits<std::int64_t>::max()
               ? 0
               : backend_.transform_reduce(rows, CountShortened{offsets.data(), list.most_neighbors}, std::int64_t(0),
                                           Sum{});
       found.shortened_rows = shortened;
-      if (is_limited || list.keep_distances) {
+      if (list.keep_distances || list.sort_by_distance || shortened > 0) {
         distances.resize(columns.size());
         backend_.for_each(
             rows, MeasureDistances<T>{problem.problem.spheres, problem.problem.targets, problem.problem.reach.period,
