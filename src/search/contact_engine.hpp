@@ -166,8 +166,7 @@ class ContactEngineOn final : public ContactEngine {
       backend_.fill_zero(offsets.data(), row_count + 1);
       return 0;
     }
-    const auto most = [&] { return std::min(options.most_contacts, room_for(bytes_of_entry<T>)); };
-    return searcher.find(prepared.problem, rows, offsets.data(), most, [&](std::int64_t total) {
+    const auto refuse_if_too_many = [&](std::int64_t total) {
       if (total > options.most_contacts) {
         throw OutOfMemory("max_contacts: found " + std::to_string(total) + " contacts; allowed: at most " +
                           std::to_string(options.most_contacts));
@@ -177,6 +176,8 @@ class ContactEngineOn final : public ContactEngine {
                           std::to_string(room_for(bytes_of_entry<T>)) +
                           " in the memory that is free (the total and the counts need no list)");
       }
+    };
+    return searcher.find(prepared.problem, rows, offsets.data(), refuse_if_too_many, [&](std::int64_t total) {
       columns.resize(total);
       if (row_of_each != nullptr) row_of_each->resize(total);
       return Columns{columns.data(), row_of_each == nullptr ? nullptr : row_of_each->data()};

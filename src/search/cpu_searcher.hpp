@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <limits>
 
 #include "atomic_add.hpp"
 #include "bucket_sort.hpp"
@@ -51,47 +52,20 @@ class CpuSearcher {
     });
   }
 
-  // `most`: how many entries the caller will take; beyond, allocate() is called with the right number all the same.
-  template <class Most, class Allocate>
-  std::int64_t find(const Problem<T>& problem, Rows rows, std::int64_t* offsets, const Most& most,
+  // Offsets of the rows, one more than rows, and through allocate(total) their entries, ascending.
+  template <class Refuse, class Allocate>
+  std::int64_t find(const Problem<T>& problem, Rows rows, std::int64_t* offsets, const Refuse& refuse_if_too_many,
                     const Allocate& allocate) {
     const std::int64_t row_count = problem.spheres.count;
-    const bool both = problem.is_one_set && rows == Rows::both;
-    const std::uint32_t* query_ids = ids_of_searchers(problem);
-    const std::uint32_t* slot_ids = targets_.ids.data();
-    for (WordList& list : found_) list.size = 0;
-    found_.reserve(static_cast<std::size_t>(search_slabs(problem)));
-    while (static_cast<int>(found_.size()) < search_slabs(problem)) found_.emplace_back(backend_);
-    std::atomic<std::int64_t> written = 0;
-    std::atomic<bool> is_too_much = false;
-    search(problem, [&](int slab) {
-      WordList* list = &found_[static_cast<std::size_t>(slab)];
-      return [=, &written, &is_too_much](std::int64_t hits, const std::uint32_t* queries, const std::uint32_t* slots) {
-        if (is_too_much.load(std::memory_order_relaxed)) return;
-        std::uint64_t* words = list->grow(both ? 2 * hits : hits, [&](std::int64_t added) {
-          // Long lists alone are worth a look at the memory that is left.
-          const std::int64_t total = written.fetch_add(added, std::memory_order_relaxed) + added;
-          if (total > many_words && total > most()) is_too_much = true;
-        });
-        for (std::int64_t k = 0; k < hits; ++k) {
-          const std::uint32_t i = query_ids[queries[k]], j = slot_ids[slots[k]];
-          if (both) {
-            words[2 * k] = word_of(i, j);
-            words[2 * k + 1] = word_of(j, i);
-          } else {
-            words[k] = problem.is_one_set ? word_of(std::min(i, j), std::max(i, j)) : word_of(i, j);
-          }
-        }
-      };
-    });
-    if (is_too_much) {
+    if (!collect(problem, rows, many_words)) {
+      // So long a list may be longer than the memory: it is counted before it is written.
       for (WordList& list : found_) list = WordList(backend_);
-      const std::int64_t total = count(problem) * (both ? 2 : 1);
-      allocate(total);
-      throw OutOfMemory("contacts: found " + std::to_string(total) + ", more than the memory holds");
+      refuse_if_too_many(count(problem) * (problem.is_one_set && rows == Rows::both ? 2 : 1));
+      collect(problem, rows, std::numeric_limits<std::int64_t>::max());
     }
     std::int64_t total = 0;
     for (const WordList& list : found_) total += list.size;
+    refuse_if_too_many(total);
     const Columns columns = allocate(total);
     const Buckets buckets(row_count, std::max(total, row_count));
     sort_.sort(
@@ -112,21 +86,15 @@ class CpuSearcher {
  private:
   using Order = CellOrder<CpuBackend, T>;
 
-  static constexpr std::int64_t many_words = std::int64_t(1) << 22;
+  static constexpr std::int64_t many_words = std::int64_t(1) << 26;
 
   struct WordList {
     explicit WordList(CpuBackend& backend) : words(backend) {}
 
-    // Room for more words; tell(bytes of growth) hears of new memory.
-    template <class Tell>
-    std::uint64_t* grow(std::int64_t more, const Tell& tell) {
+    std::uint64_t* grow(std::int64_t more) {
       const std::int64_t before = size;
       size += more;
-      if (size > words.size()) {
-        const std::int64_t room = std::max(size, 2 * words.size());
-        tell(room - words.size());
-        words.resize(room);
-      }
+      if (size > words.size()) words.resize(std::max(size, 2 * words.size()));
       return words.data() + before;
     }
 
@@ -154,6 +122,35 @@ class CpuSearcher {
       auto sink = make_sink(slab);
       search_slots(input, begin, end, sink);
     });
+  }
+
+  // Writes a word for each entry of a row, slab by slab. False, and given up, if there are more than `most`.
+  bool collect(const Problem<T>& problem, Rows rows, std::int64_t most) {
+    const bool both = problem.is_one_set && rows == Rows::both, is_one_set = problem.is_one_set;
+    const std::uint32_t* query_ids = ids_of_searchers(problem);
+    const std::uint32_t* slot_ids = targets_.ids.data();
+    const int slabs = search_slabs(problem);
+    while (static_cast<int>(found_.size()) < slabs) found_.emplace_back(backend_);
+    for (WordList& list : found_) list.size = 0;
+    std::atomic<std::int64_t> written = 0;
+    search(problem, [&, most](int slab) {
+      WordList* list = &found_[static_cast<std::size_t>(slab)];
+      return [=, &written](std::int64_t hits, const std::uint32_t* queries, const std::uint32_t* slots) {
+        const std::int64_t added = both ? 2 * hits : hits;
+        if (written.fetch_add(added, std::memory_order_relaxed) > most) return;
+        std::uint64_t* words = list->grow(added);
+        for (std::int64_t k = 0; k < hits; ++k) {
+          const std::uint32_t i = query_ids[queries[k]], j = slot_ids[slots[k]];
+          if (both) {
+            words[2 * k] = word_of(i, j);
+            words[2 * k + 1] = word_of(j, i);
+          } else {
+            words[k] = is_one_set ? word_of(std::min(i, j), std::max(i, j)) : word_of(i, j);
+          }
+        }
+      };
+    });
+    return written <= most;
   }
 
   static const T* radii_or_null(const Order& order) { return order.radii.size() > 0 ? order.radii.data() : nullptr; }

@@ -184,8 +184,8 @@ class GenericSearcher {
   }
 
   // Offsets of the rows, one more than rows, and through allocate(total) the columns of each, ascending.
-  template <class Most, class Allocate>
-  std::int64_t find(const Problem<T>& problem, Rows rows, std::int64_t* offsets, const Most&,
+  template <class Refuse, class Allocate>
+  std::int64_t find(const Problem<T>& problem, Rows rows, std::int64_t* offsets, const Refuse& refuse_if_too_many,
                     const Allocate& allocate) {
     const std::int64_t n = problem.spheres.count;
     backend_.fill_zero(offsets, n);
@@ -193,6 +193,7 @@ class GenericSearcher {
     backend_.exclusive_scan(offsets, n);
     std::int64_t total = 0;
     backend_.copy_to_host(&total, static_cast<const std::int64_t*>(offsets) + n, 1);
+    refuse_if_too_many(total);
     const Columns to = allocate(total);
     next_.resize(n);
     backend_.copy(next_.data(), static_cast<const std::int64_t*>(offsets), n);
