@@ -19,3 +19,11 @@ foreach(level IN LISTS FASTCOLLIDE_SIMD_LEVELS)
     -P ${PROJECT_SOURCE_DIR}/cmake/SameOutput.cmake)
   set_tests_properties(same_hash_${level} PROPERTIES SKIP_REGULAR_EXPRESSION "Illegal instruction")
 endforeach()
+
+# A project of someone else finds the installed package, compiles against its headers and runs.
+if(NOT CMAKE_CROSSCOMPILING AND NOT CMAKE_CONFIGURATION_TYPES)
+  add_test(NAME example_contacts COMMAND ${CMAKE_COMMAND}
+    -D built=${PROJECT_BINARY_DIR} -D work=${PROJECT_BINARY_DIR}/example_contacts
+    -D source=${PROJECT_SOURCE_DIR}/examples/contacts -D program=contacts -D compiler=${CMAKE_CXX_COMPILER}
+    -P ${PROJECT_SOURCE_DIR}/cmake/BuildExample.cmake)
+endif()
