@@ -155,6 +155,22 @@ def test_periodic_axes(finder, dtype, axes, corner):
 
 
 @each_type
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_contacts_across_the_end_of_a_period_are_decided_in_double_precision(finder, dtype, axis):
+    """Pairs whose distance is the reach to within some last bits of their coordinates, far larger than the reach."""
+    random = np.random.default_rng(16)
+    reach = 0.0101
+    other = 0.05 * np.stack(np.meshgrid(np.arange(25), np.arange(25)), axis=-1).reshape(-1, 2) - 0.6
+    inside = (-1.5 + random.uniform(0, 0.003, len(other))).astype(np.float32)
+    across = (inside + 1.5 - reach + 1.5).astype(np.float32)
+    across += random.integers(-3, 4, len(other)).astype(np.float32) * np.spacing(np.float32(1.4))
+    position = np.insert(np.tile(other, (2, 1)).astype(np.float32), axis, np.concatenate([inside, across]), axis=1)
+    lower = np.where(np.arange(3) == axis, -1.5, np.nan)
+    found = assert_right(finder, position.astype(dtype), reach / 2, 0.0, None, lower, lower + 3)
+    assert 0.3 * len(other) < found < 0.7 * len(other)
+
+
+@each_type
 @pytest.mark.parametrize("reach", [0.74, 0.1])
 def test_a_period_of_few_cells(finder, dtype, reach):
     random = np.random.default_rng(5)
