@@ -158,7 +158,7 @@ def find_contacts(
     other_positions, other_radii: a second set; then pairs of one sphere from each are found.
     output: "contacts" gives Contacts (first, second, gap, normal); "pairs" without the last two; "neighbors" gives
     Neighbors, for each sphere all that it touches; "counts" an array, int64, shape (n,); "total" an int.
-    max_contacts: a longer list is refused.
+    max_contacts: a list with more entries is refused.
 
     The result is of the kind and on the device of `positions`: indices int32, offsets and counts int64, gaps and
     normals of the type of the positions (measured in double precision, rounded once).

@@ -76,6 +76,18 @@ class RunBatch {
   std::array<std::uint32_t, most_candidates + slot_padding> queries_, slots_;
 };
 
+// cell_at() of many places, in a plain loop that compilers turn into vector instructions.
+template <class T>
+void cells_at(const CellAxis<T>& axis, const T* places, std::int64_t count, int* cells) {
+  CellAxis<T> held = axis;
+  if (axis.goes_round) {
+    for (std::int64_t i = 0; i < count; ++i) cells[i] = cell_at(places[i], held);
+    return;
+  }
+  held.goes_round = false;  // known to the compiler, too
+  for (std::int64_t i = 0; i < count; ++i) cells[i] = cell_at(places[i], held);
+}
+
 // Windows of many spheres at once, in plain loops that compilers turn into vector instructions.
 template <class T>
 class WindowBlock {
@@ -94,11 +106,8 @@ class WindowBlock {
     compute(level.x, spheres.query_x + n, count, x_);
     compute(level.y, spheres.query_y + n, count, y_);
     compute(level.z, spheres.query_z + n, count, z_);
-    if (level.y.goes_round || level.z.goes_round) return;
-    for (int i = 0; i < count; ++i) {
-      own_y_[i] = cell_at(spheres.query_y[n + i], level.y);
-      own_z_[i] = cell_at(spheres.query_z[n + i], level.z);
-    }
+    cells_at(level.y, spheres.query_y + n, count, own_y_.data());
+    cells_at(level.z, spheres.query_z + n, count, own_z_.data());
   }
 
   T reach(int i) const { return reach_[i]; }

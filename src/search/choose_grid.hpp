@@ -79,7 +79,8 @@ inline std::array<int, octaves> first_octaves(const Population& set, const CellE
 template <class T>
 Level<T> choose_level(const Population& set, double size, std::int64_t members, const CellEdges& edges) {
   const double reach = size + (set.searcher_count > 0 ? set.searcher_size : size);
-  const double budget = std::clamp(2.0 * static_cast<double>(members), 512.0, 1e9);
+  // All levels together stay below 2^32.
+  const double budget = std::clamp(2.0 * static_cast<double>(members), 512.0, 2.5e8);
   const double edge[3] = {edges.along_row * reach, edges.across_rows * reach, edges.across_rows * reach};
   double cells[3];
   bool goes_round[3] = {};

@@ -8,6 +8,7 @@
 #include "bucket_sort.hpp"
 #include "cell_order_search.hpp"
 #include "problem.hpp"
+#include "survey.hpp"
 
 namespace fastcollide::search {
 
@@ -16,7 +17,7 @@ class CpuSearcher {
  public:
   // Rows twice as wide as the reach: four runs of slots around a sphere, each long enough for wide vector units.
   static constexpr CellEdges edges{1.0, 2.0};
-  static constexpr std::int64_t group_size = 64;
+  static constexpr std::int64_t group_size = quick_group;
 
   explicit CpuSearcher(CpuBackend& backend)
       : slabs_(backend.threads()), backend_(backend), filter_(filter_runs<T>(best_simd())) {}
@@ -165,9 +166,11 @@ class CpuSearcher {
     cell_words_.resize(n);
     const int parts = slabs_.count(n, 4096, 2);
     slabs_.run(parts, n, [&](int, std::int64_t begin, std::int64_t end) {
+      std::uint64_t* words = cell_words_.data();
+      if (grid.level_count == 1) return number_cells(spheres, grid.levels[0], begin, end, words);
       for (std::int64_t i = begin; i < end; ++i) {
         const int k = are_searchers ? grid.level_count - 1 : level_of(spheres.radius(i), grid);
-        cell_words_.data()[i] = word_of(cell_of(spheres.position(i), grid.levels[k]), static_cast<std::uint32_t>(i));
+        words[i] = word_of(cell_of(spheres.position(i), grid.levels[k]), static_cast<std::uint32_t>(i));
       }
     });
     const Buckets buckets(grid.cell_count, n);
@@ -202,6 +205,32 @@ class CpuSearcher {
           starts[first_cell] = static_cast<std::uint32_t>(place);
         });
     to.cell_start.data()[grid.cell_count] = static_cast<std::uint32_t>(n);
+  }
+
+  // Block by block, in loops that compilers turn into vector instructions.
+  static void number_cells(const SpheresIn<T>& spheres, const Level<T>& level, std::int64_t begin, std::int64_t end,
+                           std::uint64_t* words) {
+    constexpr std::int64_t block = 64;
+    std::array<T, block> x, y, z;
+    std::array<int, block> cell_x, cell_y, cell_z;
+    for (; begin < end; begin += block) {
+      const std::int64_t count = std::min(block, end - begin);
+      for (std::int64_t i = 0; i < count; ++i) {
+        const Point<T> p = spheres.position(begin + i);
+        x[i] = p.x;
+        y[i] = p.y;
+        z[i] = p.z;
+      }
+      cells_at(level.x, x.data(), count, cell_x.data());
+      cells_at(level.y, y.data(), count, cell_y.data());
+      cells_at(level.z, z.data(), count, cell_z.data());
+      for (std::int64_t i = 0; i < count; ++i) {
+        const auto cell = static_cast<std::uint32_t>(cell_x[i]) +
+                          static_cast<std::uint32_t>(level.x.cells) *
+                              static_cast<std::uint32_t>(cell_y[i] + level.y.cells * cell_z[i]);
+        words[begin + i] = word_of(level.first_cell + cell, static_cast<std::uint32_t>(begin + i));
+      }
+    }
   }
 
   // The words of a bucket in order: the offsets of its rows, and what each word says.
