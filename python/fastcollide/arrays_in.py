@@ -90,7 +90,8 @@ def _on_gpu(value: Any) -> ArrayIn | None:
         if value.device.type != "cuda":
             return None
         value = value.detach()
-        dtype = np.dtype(str(value.dtype).removeprefix("torch."))
+        name = str(value.dtype).removeprefix("torch.")
+        dtype = np.dtype(name if name in ("float32", "float64") else object)  # the others are refused
         strides = tuple(step * dtype.itemsize for step in value.stride())
         return ArrayIn(value, value.data_ptr(), tuple(value.shape), strides, dtype, value.device.index, kind)
     interface = None if kind == "numpy" else getattr(value, "__cuda_array_interface__", None)
