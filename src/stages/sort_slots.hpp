@@ -28,11 +28,14 @@ struct LoadSlots {
     const std::uint32_t id = is_new ? static_cast<std::uint32_t>(slot) : constants.ids[slot];
     const Vec3 position = bodies.positions[id], velocity = bodies.velocities[id];
     const float radius = bodies.radii[id];
-    // The arrays are the user's: spheres may have been moved, blown up or let loose since the lists were
-    // made.
-    const bool is_other = is_new || state.position_radius[slot].w != radius ||
-                          is_fixed(constants.masses[slot]) != is_fixed(bodies.masses[id]);
-    if (is_other || output.has_left(output.built[slot], position)) output.news->is_stale = 1;
+    if (is_new) {
+      output.news->is_stale = 1;
+      output.built[slot] = {position.x, position.y, position.z, 1e30f};  // nothing to leave before the first lists
+    } else if (state.position_radius[slot].w != radius || output.has_left(output.built[slot], position) ||
+               is_fixed(constants.masses[slot]) != is_fixed(bodies.masses[id])) {
+      // The arrays are the user's: spheres may have been moved, blown up or let loose since the lists were made.
+      output.news->is_stale = 1;
+    }
     state.position_radius[slot] = {position.x, position.y, position.z, radius};
     state.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, bodies.restitutions[id]};
     constants.ids[slot] = id;
