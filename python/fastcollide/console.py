@@ -106,7 +106,7 @@ def run_world(
     report = Report(world, settings, source) if settings.report else None
     with progress_bar("frames", settings.frames) as show_progress:
         summary = simulate(world, settings, on_frame=lambda frame: show_progress(frame, settings.frames))
-    _show(settings, summary)
+    _show(world, settings, summary)
     outcomes = () if summary.stopped_early else check()
     if report:
         report.write(summary, outcomes)
@@ -169,7 +169,7 @@ def plot_and_report(folder: Path, output: Path) -> int:
     return EXIT_FINE
 
 
-def _show(settings: SimulationSettings, summary: RunSummary) -> None:
+def _show(world: fc.World, settings: SimulationSettings, summary: RunSummary) -> None:
     energy = summary.energy
     say("time", f"{summary.seconds:.2f} s, of which the simulation {summary.step_seconds:.2f} s")
     say("speed", f"{summary.frames_per_second:,.1f} FPS")
@@ -178,7 +178,7 @@ def _show(settings: SimulationSettings, summary: RunSummary) -> None:
     say("largest overlap", f"{summary.max_overlap:.6g} m")
     say("mean overlap", f"{100 * summary.mean_overlap:.4g} % of the smaller radius")
     if summary.fast_spheres:
-        say("fast spheres", _about_fast_spheres(settings, summary))
+        say("fast spheres", _about_fast_spheres(world.solver, settings, summary))
     say("state hash", f"{summary.state_hash:016x}")
     if settings.export_every:
         replaced = (
@@ -193,13 +193,14 @@ def _show(settings: SimulationSettings, summary: RunSummary) -> None:
     _show_picture_files(settings)
 
 
-def _about_fast_spheres(settings: RunSettings, summary: RunSummary) -> str:
-    step = "frame" if settings.solver == "reference" else "substep"
+def _about_fast_spheres(solver: str, settings: SimulationSettings, summary: RunSummary) -> str:
+    step = "frame" if solver == "reference" else "substep"
     # Rounded first: a whole number that float64 just misses is not counted up.
     safe = {"iterations": summary.safe_iterations, "fps": math.ceil(round(1 / summary.safe_dt, 6))}
-    advice = [
-        f"{PARAMETERS[name].option} {value}" for name, value in safe.items() if PARAMETERS[name].kind.accepts(value)
-    ]
+    # Beside a scene, which has iterations of its own, --iterations is refused.
+    options = {"iterations": "--iterations " if isinstance(settings, RunSettings) else "--set world.iterations="}
+    options["fps"] = "--fps "
+    advice = [f"{options[name]}{value}" for name, value in safe.items() if PARAMETERS[name].kind.accepts(value)]
     return f"{summary.fast_spheres:,} times one moved more than its radius in a {step}, maybe through another" + (
         f"; safe: {' or '.join(advice)}" if advice else ""
     )

@@ -79,6 +79,7 @@ class WorldTable(Table):
     drag: float = like("drag", default=0.06, help="Air drag [1/s]: v ← v·exp(−drag·t).")
     floor_restitution: float = like("floor_restitution")
     wall_friction: float = like("wall_friction")
+    rolling_friction: float = like("rolling_friction")
     solver: Literal["substep", "reference"] = like("solver")
     iterations: int = like("iterations")
     cell_size: float | None = like("cell_size")

@@ -86,7 +86,7 @@ def messages(text, *overrides):
 @pytest.mark.parametrize(
     ("table", "function", "without"),
     [
-        (WorldTable, fc.World.__init__, {"self", "device", "threads", "block_size"}),
+        (WorldTable, fc.World.__init__, {"self", "device", "threads", "method", "block_size"}),
         (RandomTable, fc.random_spheres, {"device", "bounds"}),
         (LatticeTable, fc.lattice_spheres, {"device", "bounds"}),
     ],
@@ -120,6 +120,7 @@ def test_run_and_output_have_the_options_of_run():
         "drag",
         "floor_restitution",
         "wall_friction",
+        "rolling_friction",
         "bounds",
         "boundary",
         "seed",
@@ -155,6 +156,7 @@ def test_an_empty_scene_is_that_of_python_s_defaults():
         "world.drag=0.5",
         "world.floor_restitution=0.1",
         "world.wall_friction=0.4",
+        "world.rolling_friction=0.2",
         "world.solver=reference",
         "world.iterations=3",
         "spheres[0].count=81",
@@ -171,9 +173,12 @@ def test_an_empty_scene_is_that_of_python_s_defaults():
     ],
 )
 def test_each_key_reaches_the_state(change):
+    # Without friction nothing rolls.
+    rough = ["spheres[0].friction=0.2"] if "rolling" in change else []
+
     def last_hash(*overrides):
         # Small enough for a lattice.
-        scene = load(SMALL, "spheres[0].radius=[0.1,0.25]", *overrides)
+        scene = load(SMALL, "spheres[0].radius=[0.1,0.25]", *rough, *overrides)
         world = scene.create_world()
         world.step(scene.settings.frames, scene.settings.dt)
         return world.state_hash()
@@ -479,6 +484,32 @@ def test_a_run_of_a_scene_is_that_of_its_options(program):
     assert (code, errors) == (0, "")
     assert re.search(r"state hash +(\w+)", output)[1] == re.search(r"state hash +(\w+)", other)[1]
     assert Path("small/ledger.csv").is_file()
+
+
+@pytest.mark.parametrize("solver", ["substep", "reference"])
+def test_what_would_be_safe_can_be_typed_beside_the_scene(program, solver):
+    """What the summary says of fast spheres makes its line go away."""
+    Path("fast.toml").write_text(f"""
+        [world]
+        boundary = "open"
+        gravity = [0, 0, 0]
+        solver = "{solver}"
+
+        [[spheres]]
+        kind = "given"
+        position = [[0, 0, 5]]
+        velocity = [0, 0, 300]
+        radius = 0.1
+    """)
+    run = ["run", "fast.toml", "--frames", 6, "--no-video", "--export-every", 0]
+
+    advice = re.search(rf"in a {'frame' if solver == 'reference' else 'substep'}, .*; safe: (.*)", program(*run)[1])[1]
+
+    assert len(advice.split(" or ")) == (1 if solver == "reference" else 2)
+    for words in advice.split(" or "):
+        code, output, errors = program(*run, *words.split())
+        assert (code, errors) == (0, "")
+        assert "fast spheres" not in output
 
 
 def test_options_of_the_run_go_before_the_scene(program):
