@@ -38,7 +38,7 @@ test: .venv/installed
 	@pytest
 
 # Pictures and table show what was found, in its band or not.
-validate: .venv/installed .venv/plots
+validate: .venv/installed
 	@pytest tests/validation --device $(or $(DEVICE),cpu); found=$$?; python tools/draw_validation.py && exit $$found
 
 bench: .venv/installed
@@ -84,10 +84,6 @@ clean:
 	SKBUILD_CMAKE_DEFINE="FASTCOLLIDE_BUILD_TESTS=ON;FASTCOLLIDE_CUDA=$(FASTCOLLIDE_CUDA);FASTCOLLIDE_CUDA_ARCHITECTURES=$(subst ;, ,$(FASTCOLLIDE_CUDA_ARCHITECTURES))" \
 	  pip install --quiet --no-build-isolation ".[plot,video,test]"
 	@python -c 'import fastcollide; cuda = fastcollide.build_info().cuda; print("== Built", f"for CUDA {cuda}" if cuda else "without CUDA")'
-	@touch $@
-
-.venv/plots: .venv/installed
-	@pip install --quiet "matplotlib>=3.8"
 	@touch $@
 
 .venv/linters: .venv/created
