@@ -22,7 +22,7 @@ LEDGER_NAME = "ledger.csv"
 
 @dataclass(frozen=True)
 class Column:
-    """One column: its name (which ends in the unit), its type and what it holds."""
+    """One column: its name (which ends in the unit, if it has one), its type and what it holds."""
 
     name: str
     dtype: type
@@ -43,7 +43,8 @@ COLUMNS = (
     Column("angular_momentum_y_Js", np.float64, "angular momentum along y"),
     Column("angular_momentum_z_Js", np.float64, "angular momentum along z"),
     Column("contacts", np.int64, "overlapping pairs of spheres"),
-    Column("max_overlap_m", np.float64, "deepest overlap of two spheres"),
+    Column("max_overlap_m", np.float64, "deepest overlap of two spheres, or of a sphere and a wall"),
+    Column("mean_overlap", np.float64, "mean overlap of the contacts, each as a part of its smaller radius"),
 )
 _HEADER = ",".join(column.name for column in COLUMNS)
 _ROW = np.dtype([(column.name, column.dtype) for column in COLUMNS])
@@ -65,6 +66,7 @@ def measure(world: World) -> tuple[int | float, ...]:
         *world.angular_momentum().tolist(),
         world.contact_count(),
         world.max_overlap(),
+        world.mean_overlap(),
     )
 
 

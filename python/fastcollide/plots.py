@@ -64,7 +64,7 @@ def need_matplotlib() -> None:
 def plot_ledger(ledger: Ledger, title: str | None = None, panels: Sequence[str] | None = None) -> Figure:
     """A figure of a ledger (see read_ledger): energy, momentum, angular momentum, contacts and overlap against time.
 
-    panels: which of PANELS to draw, two in a row (an even number of them); None draws all.
+    panels: which of PANELS to draw, two in a row; of an odd number the first has a row of its own; None draws all.
     Raises MissingLibrary where there is no Matplotlib, LedgerError where the ledger has no row.
     """
     need_matplotlib()
@@ -75,13 +75,16 @@ def plot_ledger(ledger: Ledger, title: str | None = None, panels: Sequence[str] 
         raise LedgerError("the ledger has no row yet, so there is nothing to plot")
     with mpl.rc_context(_STYLE):
         names = PANELS if panels is None else panels
-        rows = (len(names) + 1) // 2
-        figure = Figure(figsize=(11, 3 * rows), dpi=120, layout="constrained")
-        axes = figure.subplots(rows, 2, sharex=True, squeeze=False)
-        for axis, name in zip(axes.flat, names, strict=True):
+        places = [*names[:1] * (len(names) % 2), *names]
+        rows = [places[i : i + 2] for i in range(0, len(places), 2)]
+        figure = Figure(figsize=(11, 3 * len(rows)), dpi=120, layout="constrained")
+        axes = figure.subplot_mosaic(rows, sharex=True)
+        for name, axis in axes.items():
             _PANELS[name](axis, ledger)
-        for axis in axes[-1]:
-            axis.set_xlabel("Time (s)")
+        for name in set(rows[-1]):
+            axes[name].set_xlabel("Time (s)")
+        if len(places) > len(names):  # the times of the row below lie elsewhere
+            axes[places[0]].tick_params(labelbottom=True)
         if title:
             figure.suptitle(title, x=0.01, ha="left", fontsize=13)
     return figure
@@ -177,8 +180,16 @@ def _contacts(axis: Axes, ledger: Ledger) -> None:
     axis.set_ylim(bottom=0)
 
 
-def _overlap(axis: Axes, ledger: Ledger) -> None:
-    _draw(axis, ledger, "Overlap", "m", [("max_overlap_m", "deepest", _ORANGE)])
+def _max_overlap(axis: Axes, ledger: Ledger) -> None:
+    _draw(axis, ledger, "Deepest overlap", "m", [("max_overlap_m", "deepest", _ORANGE)])
+    axis.set_ylim(bottom=0)
+
+
+def _mean_overlap(axis: Axes, ledger: Ledger) -> None:
+    _draw(axis, ledger, "Mean overlap, in smaller radii", "", [("mean_overlap", "mean", _ORANGE)])
+    from matplotlib.ticker import PercentFormatter
+
+    axis.yaxis.set_major_formatter(PercentFormatter(xmax=1))
     axis.set_ylim(bottom=0)
 
 
@@ -188,6 +199,7 @@ _PANELS: dict[str, Callable[[Axes, Ledger], None]] = {
     "momentum": _components("momentum", "Momentum", "Ns"),
     "angular_momentum": _components("angular_momentum", "Angular momentum (origin)", "Js"),
     "contacts": _contacts,
-    "overlap": _overlap,
+    "max_overlap": _max_overlap,
+    "mean_overlap": _mean_overlap,
 }
 PANELS = tuple(_PANELS)

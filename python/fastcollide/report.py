@@ -98,6 +98,7 @@ def _figures(summary: RunSummary, start: float) -> list[tuple[str, str]]:
         ("Time in the engine", f"{summary.step_seconds:.2f} s"),
         ("Contacts", f"{summary.contacts:,}"),
         ("Largest overlap", f"{summary.max_overlap:.4g} m"),
+        ("Mean overlap", f"{100 * summary.mean_overlap:.4g} % of the smaller radius"),
         ("Energy at the start", f"{start:.6g} J"),
         ("Energy at the end", f"{energy.total:.6g} J"),
         ("Energy of translation", f"{energy.kinetic:.6g} J"),

@@ -160,8 +160,8 @@ class SimulationSettings(PictureSettings):
     def ledger_interval(self) -> int:
         """Frames from one row of the ledger to the next; 0 where there is none.
 
-        A row costs about a quarter of a frame, most of it for the search for overlaps. Every tenth frame thus takes
-        2 to 3 % of a run; a short one gets 30 rows all the same, a long one no more than 600.
+        A row costs about as much as a frame, nearly all of it for the searches for overlaps. Every tenth frame thus
+        takes about 10 % of a run; a short one gets 30 rows all the same, a long one no more than 600.
         """
         if self.ledger_every is not None:
             return self.ledger_every

@@ -51,7 +51,8 @@ def test_every_number_is_that_of_the_world_to_the_last_bit(folder, device):
             energy = world.energy()
             rows.append(
                 [world.frame, world.time, *energy, energy.kinetic + energy.rotational + energy.potential]
-                + [*world.momentum(), *world.angular_momentum(), world.contact_count(), world.max_overlap()]
+                + [*world.momentum(), *world.angular_momentum(), world.contact_count()]
+                + [world.max_overlap(), world.mean_overlap()]
             )
     read = fc.read_ledger(folder)
 
@@ -112,6 +113,7 @@ def test_a_run_measures_the_start_each_interval_and_the_end():
     assert read["total_J"][-1] == summary.energy.total
     assert read["contacts"][-1] == summary.contacts
     assert read["max_overlap_m"][-1] == summary.max_overlap
+    assert read["mean_overlap"][-1] == summary.mean_overlap
 
 
 def test_measuring_changes_no_state():
@@ -199,7 +201,7 @@ def test_a_row_that_is_none_is_refused_by_its_line(folder, change):
     lines[3] = change(lines[3])
     (folder / "ledger.csv").write_bytes(b"\n".join(lines))
 
-    with pytest.raises(fc.LedgerError, match="in line 4; expected 14 numbers"):
+    with pytest.raises(fc.LedgerError, match="in line 4; expected 15 numbers"):
         fc.read_ledger(folder)
 
 

@@ -19,7 +19,7 @@ from fastcollide.source import source_of
 from PIL import Image
 
 matplotlib = pytest.importorskip("matplotlib")
-from fastcollide.plots import plot_ledger  # noqa: E402
+from fastcollide.plots import PANELS, plot_ledger  # noqa: E402
 
 RUN = [
     "run",
@@ -78,13 +78,27 @@ def test_axes_have_titles_units_and_legends(ledger):
 
     assert figure.get_suptitle() == "my run"
     assert [axis.get_xlabel() for axis in figure.axes[-2:]] == ["Time (s)"] * 2
-    for axis, unit in zip(figure.axes, ["J", "J", "N·s", "J·s", "", "m"], strict=True):
+    for axis, unit in zip(figure.axes, ["J", "J", "N·s", "J·s", "", "m", "%"], strict=True):
         assert axis.get_title(loc="left")
         labels = [label.get_text() for label in axis.get_yticklabels() if label.get_text()]
         assert all(label.endswith(unit) for label in labels)
         if len(axis.lines) > 1:
             assert axis.get_legend() is not None
             assert len({line.get_color() for line in axis.lines}) == len(axis.lines)
+
+
+@pytest.mark.parametrize(("count", "widths"), [(1, "w"), (2, "hh"), (3, "whh"), (4, "hhhh"), (7, "whhhhhh")])
+def test_of_an_odd_number_of_panels_the_first_is_wide(ledger, count, widths):
+    figure = plot_ledger(ledger, panels=PANELS[:count])
+    figure.canvas.draw()
+    boxes = [axis.get_position() for axis in figure.axes]
+
+    assert ["w" if box.width > 0.6 else "h" for box in boxes] == list(widths)
+    lowest = min(box.y0 for box in boxes)
+    for axis, box in zip(figure.axes, boxes, strict=True):
+        assert bool(axis.get_xlabel()) == (box.y0 == lowest)
+        shows_times = any(label.get_text() for label in axis.get_xticklabels())
+        assert shows_times == (box.y0 == lowest or box.width > 0.6)
 
 
 def test_energy_of_motion_is_logarithmic_where_it_spans_orders_of_magnitude(ledger):

@@ -632,6 +632,12 @@ def end_of(expect, frames=20):
 RANGES = [name for name, field in ExpectTable.model_fields.items() if "Range" in str(field.annotation)]
 
 
+def mean_overlap(world):
+    contacts, radii = world.contacts(), fc.to_numpy(world.radii)
+    smaller = np.minimum(radii[contacts.first], radii[contacts.second])
+    return np.mean(-contacts.gap.astype(float) / smaller)
+
+
 def figure(name, world, ledger):
     """The same figure, from its meaning and the ledger."""
     x, r = fc.to_numpy(world.positions).astype(float), fc.to_numpy(world.radii).astype(float)
@@ -652,6 +658,7 @@ def figure(name, world, ledger):
         "max_speed": speed.max(),
         "contacts": ledger["contacts"][-1],
         "max_overlap": ledger["max_overlap_m"][-1],
+        "mean_overlap": mean_overlap(world),
         "escaped": 0,
         "energy_ratio": ledger["total_J"][-1] / ledger["total_J"][0],
         "motion_ratio": motion[-1] / motion[0],
