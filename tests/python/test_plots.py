@@ -233,8 +233,11 @@ def test_the_page_tells_state_settings_device_and_figures(page):
     assert shown.text[shown.text.index("gravity") + 1] == "-3.7 m/s²"
     assert shown.text[shown.text.index("particles") + 1] == "60"
     assert shown.text[shown.text.index("cell size") + 1] == "the largest diameter"
-    start = fc.read_ledger("output")["total_J"][0]
+    ledger = fc.read_ledger("output")
+    start, overlap = ledger["total_J"][0], ledger["max_overlap_m"][-1]
     assert shown.text[shown.text.index("Energy at the start") + 1] == f"{start:.6g} J"
+    assert shown.text[shown.text.index("Largest overlap") + 1] == f"{overlap:.4g} m"
+    assert shown.text[shown.text.index("Mean overlap") + 1] == values["mean overlap"]
 
 
 def test_the_pictures_are_those_of_start_and_end(page):
