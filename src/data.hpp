@@ -201,8 +201,8 @@ FC_HOST_DEVICE inline void watch_flight(Watch* watch, std::uint32_t id, Vec3 fli
   const float in_radii = length(flight * (1.0f / radius));
   if (!(in_radii > 1.0f)) return;
   Watch::Tally& tally = watch->tallies[id % Watch::tally_count];
-  atomic_add(&tally.spheres, std::uint64_t(1));
-  atomic_max(&tally.longest_flight, std::uint64_t(bits_of(smaller(in_radii, 1e18f))));
+  atomic_add(&tally.spheres, 1);
+  atomic_max(&tally.longest_flight, bits_of(smaller(in_radii, 1e18f)));
 }
 
 // What the device tells the host about its lists, and keeps for its next passes.

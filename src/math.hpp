@@ -128,7 +128,7 @@ FC_HOST_DEVICE inline void atomic_min(std::uint64_t* target, std::uint64_t value
 // Likewise: raises *target to value; adds to it and returns what it was. Integers of 32 or 64 bits, whose sum needs no
 // order either.
 template <class Word>
-FC_HOST_DEVICE inline void atomic_max(Word* target, Word value) {
+FC_HOST_DEVICE inline void atomic_max(Word* target, std::type_identity_t<Word> value) {
 #if defined(__CUDA_ARCH__)
   if (value <= *static_cast<volatile Word*>(target)) return;  // most values are below what is there
   atomicMax(reinterpret_cast<CudaWord<Word>*>(target), static_cast<CudaWord<Word>>(value));
@@ -142,13 +142,13 @@ FC_HOST_DEVICE inline void atomic_max(Word* target, Word value) {
 #endif
 }
 template <class Word>
-FC_HOST_DEVICE inline Word atomic_add(Word* target, Word value) {
+FC_HOST_DEVICE inline Word atomic_add(Word* target, std::type_identity_t<Word> value) {
 #if defined(__CUDA_ARCH__)
-  return atomicAdd(reinterpret_cast<CudaWord<Word>*>(target), static_cast<CudaWord<Word>>(value));
+  return static_cast<Word>(atomicAdd(reinterpret_cast<CudaWord<Word>*>(target), static_cast<CudaWord<Word>>(value)));
 #elif !defined(__CUDACC__)
   return std::atomic_ref<Word>(*target).fetch_add(value, std::memory_order_relaxed);
 #else
-  return *target += value;  // host pass of nvcc: compiled, never run
+  return (*target += value) - value;  // host pass of nvcc: compiled, never run
 #endif
 }
 

@@ -140,8 +140,9 @@ class CudaBackend {
     const std::int64_t most = std::int64_t(blocks_each) * multiprocessors;
     const std::int64_t blocks =
         std::clamp<std::int64_t>((n * lanes + grid_run_threads - 1) / grid_run_threads, 1, most);
-    if (block_totals_ == nullptr)
-      block_totals_ = allocate_on_device(device_, std::size_t(most) * sizeof(std::uint32_t));
+    if (block_totals_ == nullptr) {  // room for any kernel's blocks: no more than 32 fit on a multiprocessor
+      block_totals_ = allocate_on_device(device_, std::size_t(multiprocessors) * 32 * sizeof(std::uint32_t));
+    }
     std::uint32_t* block_totals = static_cast<std::uint32_t*>(block_totals_.get());
     std::uint64_t* ticks = nullptr;
     const auto start = std::chrono::steady_clock::now();

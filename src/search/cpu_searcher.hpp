@@ -4,7 +4,6 @@
 #include <atomic>
 #include <limits>
 
-#include "atomic_add.hpp"
 #include "bucket_sort.hpp"
 #include "cell_order_search.hpp"
 #include "problem.hpp"

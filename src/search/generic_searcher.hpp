@@ -4,7 +4,6 @@
 
 #include <bit>
 
-#include "atomic_add.hpp"
 #include "problem.hpp"
 #include "sort_row.hpp"
 
@@ -88,12 +87,13 @@ struct Search {
 template <class T>
 struct CountFound {
   Search<T> search;
+  std::int64_t* total;
 
-  FC_HOST_DEVICE std::int64_t operator()(std::int64_t n) const {
+  FC_HOST_DEVICE void operator()(std::int64_t n) const {
     std::int64_t count = 0;
     auto visit = [&](std::uint32_t, std::uint32_t) { ++count; };
     search.visit_pairs(n, visit);
-    return count;
+    if (count > 0) atomic_add(total, count);
   }
 };
 
@@ -175,7 +175,12 @@ class GenericSearcher {
   }
 
   std::int64_t count(const Problem<T>& problem) {
-    return backend_.transform_reduce(problem.spheres.count, CountFound<T>{search(problem)}, std::int64_t(0), Sum{});
+    next_.resize(1);
+    backend_.fill_zero(next_.data(), 1);
+    backend_.for_each(problem.spheres.count, CountFound<T>{search(problem), next_.data()});
+    std::int64_t total = 0;
+    backend_.copy_to_host(&total, static_cast<const std::int64_t*>(next_.data()), 1);
+    return total;
   }
 
   // counts: one for each row, as zeros.

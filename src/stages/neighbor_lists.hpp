@@ -211,7 +211,7 @@ struct ToSlots {
     if (!is_queued) {
       // Reads before it writes: where all leave at once, they would wait for the same word.
       if (*const_cast<const volatile std::uint32_t*>(&news->queued) > queue_places) return;
-      const std::uint32_t place = atomic_add(&news->queued, 1u);
+      const std::uint32_t place = atomic_add(&news->queued, 1);
       if (place >= queue_places) return;
       const Vec4 start = built[slot];
       queue[place] = {{start.x, start.y, start.z, fabsf(start.w)}, static_cast<std::uint32_t>(slot)};
@@ -293,7 +293,7 @@ struct RepairLists {
   }
   FC_HOST_DEVICE void add(std::uint32_t owner, std::uint32_t entry) const {
     const std::int64_t row = std::int64_t(owner) * lists.lanes + entry % lists.lanes;
-    const std::uint32_t place = atomic_add(&lists.counts[row].pending, 1u);
+    const std::uint32_t place = atomic_add(&lists.counts[row].pending, 1);
     if (place < lists.capacity) {
       lists.of_row(row)[std::int64_t(place) * lists.width] = entry;
     } else {

@@ -75,7 +75,7 @@ struct CountCells {
     const Vec4 here = position_radius[slot];
     const std::uint32_t cell = cell_hash(cell_of({here.x, here.y, here.z}, shape), shape);
     cells[slot] = cell;
-    ranks[slot] = atomic_add(cell_counts + cell, 1u);
+    ranks[slot] = atomic_add(cell_counts + cell, 1);
   }
 };
 
