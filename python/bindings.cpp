@@ -266,7 +266,7 @@ void bind_machine(nb::module_& m) {
   });
   m.def("build_info", [] {
     const fastcollide::BuildInfo info = fastcollide::build_info();
-    return nb::make_tuple(info.version, info.compiler, info.cuda, info.cuda_architectures);
+    return nb::make_tuple(info.version, info.compiler, info.cuda, info.cuda_architectures, info.is_debug);
   });
   m.def(
       "copy_to_host",

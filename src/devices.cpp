@@ -78,7 +78,13 @@ int choose_threads(int threads) {
   return threads == 0 ? std::min(hardware_threads(), most_threads) : threads;
 }
 
-BuildInfo build_info() { return {build::version, build::compiler, build::cuda, build::cuda_architectures}; }
+#ifdef NDEBUG
+constexpr bool is_debug = false;
+#else
+constexpr bool is_debug = true;
+#endif
+
+BuildInfo build_info() { return {build::version, build::compiler, build::cuda, build::cuda_architectures, is_debug}; }
 
 Limits limits() {
   // Bodies, the copy of positions and velocities that a failed frame goes back to, the sorted grid with its unsorted

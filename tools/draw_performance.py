@@ -58,7 +58,7 @@ def tables(results: dict) -> str:
 def table(machine: str, rows: list) -> str:
     """One device: time of a frame, how often it fits into the yardstick's, share of the roof, for each curve."""
     by_case = {(row["spheres"], row["solver"], row["method"]): row for row in rows}
-    head = ["spheres", *(words for *_, words, _ in CURVES), "of the roof", "contacts of a sphere", "lists made"]
+    head = ["spheres", *(words for *_, words, _ in CURVES), "of the roof", "contacts per sphere", "lists made"]
     lines = [f"| {' | '.join(head)} |", "| " + " | ".join(["---"] * len(head)) + " |"]
     for spheres in dict.fromkeys(row["spheres"] for row in rows):
         cells = [f"{int(spheres):,}"]

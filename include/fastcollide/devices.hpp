@@ -20,6 +20,7 @@ struct BuildInfo {
   std::string version, compiler;
   std::string cuda;                // version of the toolkit, empty if built without
   std::string cuda_architectures;  // as given to the build
+  bool is_debug;                   // with assertions: nothing to measure speed with
 };
 
 BuildInfo build_info();

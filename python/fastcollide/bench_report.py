@@ -24,6 +24,9 @@ NARROWEST = 132  # columns of text that hold every figure
 
 def bench_and_report(settings: BenchSettings) -> int:
     """Measures, prints tables and writes files; returns the exit code: 1 where two states differ."""
+    if fc.build_info().is_debug:
+        fail("this is a debug build, whose times say nothing: build with CMAKE_BUILD_TYPE=Release")
+        return EXIT_FAILURE
     if settings.output is not None:
         settings.output.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made is told before the work
     try:

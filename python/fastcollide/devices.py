@@ -23,12 +23,14 @@ class Device:
 
 @dataclass(frozen=True)
 class BuildInfo:
-    """cuda: version of the CUDA toolkit, None if built without; cuda_architectures: as given to the build."""
+    """cuda: version of the CUDA toolkit, None if built without; cuda_architectures: as given to the build; is_debug:
+    with assertions, so nothing to measure speed with."""
 
     version: str
     compiler: str
     cuda: str | None
     cuda_architectures: str
+    is_debug: bool
 
 
 @dataclass(frozen=True)
@@ -61,5 +63,5 @@ def devices() -> list[Device]:
 
 def build_info() -> BuildInfo:
     """Version, compiler and CUDA of this build."""
-    version, compiler, cuda, architectures = _core.build_info()
-    return BuildInfo(version, compiler, cuda or None, architectures)
+    version, compiler, cuda, architectures, is_debug = _core.build_info()
+    return BuildInfo(version, compiler, cuda or None, architectures, is_debug)

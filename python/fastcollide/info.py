@@ -10,7 +10,7 @@ def print_info() -> int:
     """Prints the build and the devices; returns the exit code."""
     build = fc.build_info()
     say("version", build.version)
-    say("compiler", build.compiler)
+    say("compiler", build.compiler + (", debug build" if build.is_debug else ""))
     cuda = f"{build.cuda}, for {build.cuda_architectures}" if build.cuda else "built without"
     say("CUDA", cuda)
     devices = fc.devices()

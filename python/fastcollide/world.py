@@ -306,7 +306,8 @@ class World:
 
     @property
     def stage_times(self) -> dict[str, float]:
-        """Seconds spent in each stage while timed: "advance", "build_grid", "solve_contacts"."""
+        """Seconds spent in each stage while timed, by its name: "build_grid", "make_lists", "gather_contacts" and more,
+        which depend on solver and method."""
         return self._world.stage_times
 
 

@@ -173,6 +173,15 @@ def test_a_state_that_differs_between_repeats_is_a_failure(monkeypatch):
     assert len(worlds) == 2
 
 
+def test_a_debug_build_is_refused(capfd, monkeypatch):
+    build = replace(fc.build_info(), is_debug=True)
+    monkeypatch.setattr(fc, "build_info", lambda: build)
+    assert cli.main(SMALL_WORDS) == 1
+    output, errors = capfd.readouterr()
+    assert errors.startswith("fastcollide: this is a debug build")
+    assert output == ""
+
+
 def test_a_case_without_memory_is_told_and_left_out(capfd, monkeypatch, tmp_path):
     def small_device(case):
         if case == case.yardstick and case.spheres == 90:

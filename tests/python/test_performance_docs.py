@@ -84,8 +84,9 @@ def test_the_picture_has_a_panel_for_each_device(draw_performance, monkeypatch, 
     pytest.importorskip("matplotlib")
     image = pytest.importorskip("PIL.Image")
     widths = []
-    for machine in ("one", "two"):
-        write_results(tmp_path / machine, {}, {"spheres": 9000, "copy_gb_s": None}, {**SUBSTEP, "copy_gb_s": None})
+    for machine, copy in (("one", 24.5), ("two", None)):
+        rows = {}, {"spheres": 9000}, SUBSTEP
+        write_results(tmp_path / machine, *[{**row, "copy_gb_s": copy} for row in rows])
         monkeypatch.setattr(draw_performance, "PICTURE", tmp_path / "picture.png")
         draw_performance.draw(draw_performance.read_results(tmp_path))
         with image.open(tmp_path / "picture.png") as picture:

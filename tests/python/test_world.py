@@ -137,6 +137,7 @@ def test_devices_and_build():
     assert all(found.description and found.memory_bytes > 0 for found in (cpu, *gpus))
     assert fc.build_info().version == fc.__version__
     assert fc.build_info().compiler
+    assert fc.build_info().is_debug is False
     assert not gpus or fc.build_info().cuda
 
 
