@@ -41,7 +41,7 @@ def bench_and_report(settings: BenchSettings) -> int:
     for _, rows_of_device in groupby(rows_by_device(rows), key=lambda row: row.device):
         print_tables(list(rows_of_device))
     if settings.output is not None:
-        write_files(settings, rows)
+        write_files(settings.output, settings, rows)
     return EXIT_FINE
 
 
@@ -97,12 +97,12 @@ def csv_row(row: Row, note: str | None) -> dict[str, Any]:
     return {**rounded, **by_stage, "version": fc.__version__, "note": note}
 
 
-def write_files(settings: BenchSettings, rows: Sequence[Row]) -> None:
-    """Writes bench.csv and bench.json into the folder of the settings."""
+def write_files(folder: Path, settings: BenchSettings, rows: Sequence[Row]) -> None:
+    """Writes bench.csv and bench.json into the folder."""
     lines = [csv_row(row, settings.note) for row in rows]
     options = {entry.name: getattr(settings, entry.name) for entry in fields(settings) if entry.name != "output"}
     write_table(
-        settings.output,
+        folder,
         "bench",
         lines,
         {"build": asdict(fc.build_info()), "options": options, "rows": [asdict(row) for row in rows]},

@@ -70,7 +70,7 @@ def _cupy_bandwidth(ordinal: int, size: int) -> float:
         return 1e-3 * float(cupy.cuda.get_elapsed_time(start, end))
 
     with cupy.cuda.Device(ordinal):
-        bandwidth = _fastest(partial(copy, cupy.ones(size, cupy.uint8), cupy.zeros(size, cupy.uint8)), size)
+        bandwidth = _fastest(partial(copy, cupy.zeros(size, cupy.uint8), cupy.zeros(size, cupy.uint8)), size)
         cupy.get_default_memory_pool().free_all_blocks()  # the worlds may need it
     return bandwidth
 

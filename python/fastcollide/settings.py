@@ -33,7 +33,7 @@ def _about(kind: Kind, help: str, **details: Any) -> dict[str, Any]:
     return {"kind": kind, "help": help, **details}
 
 
-def parameters_of(settings: type[PictureSettings]) -> dict[str, Parameter]:
+def parameters_of(settings: type[Any]) -> dict[str, Parameter]:
     """The table of these settings; a class's own ones come before those it shares."""
     entries = {entry.name: entry for entry in fields(settings)}
     names = [name for layer in settings.__mro__ for name in getattr(layer, "__annotations__", ())]
