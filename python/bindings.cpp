@@ -139,6 +139,54 @@ void bind_world(nb::module_& m) {
             check.rethrow();
           },
           "frames"_a, "dt"_a)
+      .def("save",
+           [](World& world) {
+             fastcollide::WorldState state = without_gil([&] { return world.save(); });
+             nb::dict saved;
+             const auto put = [&saved](const char* name, std::vector<float>& values, std::size_t columns) {
+               saved[name] = own(std::move(values), columns);
+             };
+             put("position", state.spheres.position, 3);
+             put("velocity", state.spheres.velocity, 3);
+             put("radius", state.spheres.radius, 0);
+             put("mass", state.spheres.mass, 0);
+             put("restitution", state.spheres.restitution, 0);
+             if (!state.spheres.spin.empty()) put("spin", state.spheres.spin, 3);
+             if (!state.spheres.friction.empty()) put("friction", state.spheres.friction, 0);
+             if (!state.crowding.empty()) put("crowding", state.crowding, 0);
+             saved["frame"] = state.frame;
+             saved["start_frame"] = state.start_frame;
+             saved["start_time"] = state.start_time;
+             saved["dt"] = state.dt;
+             saved["fast_spheres"] = state.fast_spheres;
+             saved["fastest_flight"] = state.fastest_flight;
+             saved["fastest_dt"] = state.fastest_dt;
+             return saved;
+           })
+      .def(
+          "restore",
+          [](World& world, const Floats& position, const Floats& velocity, const Floats& radius, const Floats& mass,
+             const Floats& restitution, std::int64_t frame, std::int64_t start_frame, double start_time, double dt,
+             std::int64_t fast_spheres, double fastest_flight, double fastest_dt, const std::optional<Floats>& spin,
+             const std::optional<Floats>& friction, const std::optional<Floats>& crowding) {
+            fastcollide::WorldState state;
+            state.spheres = {
+                copy_of(position), copy_of(velocity), copy_of(radius), copy_of(mass), copy_of(restitution), {}, {}};
+            if (spin) state.spheres.spin = copy_of(*spin);
+            if (friction) state.spheres.friction = copy_of(*friction);
+            if (crowding) state.crowding = copy_of(*crowding);
+            state.frame = frame;
+            state.start_frame = start_frame;
+            state.start_time = start_time;
+            state.dt = dt;
+            state.fast_spheres = fast_spheres;
+            state.fastest_flight = fastest_flight;
+            state.fastest_dt = fastest_dt;
+            without_gil([&] { world.restore(state); });
+          },
+          nb::kw_only(), "position"_a, "velocity"_a, "radius"_a, "mass"_a, "restitution"_a, "frame"_a, "start_frame"_a,
+          "start_time"_a, "dt"_a, "fast_spheres"_a, "fastest_flight"_a, "fastest_dt"_a, "spin"_a.none() = nb::none(),
+          "friction"_a.none() = nb::none(), "crowding"_a.none() = nb::none())
       .def_prop_ro("count", [](const World& world) { return without_gil([&] { return world.count(); }); })
       .def_prop_ro("frame", [](const World& world) { return without_gil([&] { return world.frame(); }); })
       .def_prop_ro("time", [](const World& world) { return without_gil([&] { return world.time(); }); })

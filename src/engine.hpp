@@ -23,6 +23,16 @@ namespace fastcollide {
 // Simulated time as a product, not as a sum of many small steps: 300 frames of 1/60 s are 5 s.
 class Clock {
  public:
+  Clock() = default;
+  explicit Clock(const WorldState& state)
+      : frame_(state.frame), start_frame_(state.start_frame), start_(state.start_time), dt_(state.dt) {}
+  void save(WorldState& state) const {
+    state.frame = frame_;
+    state.start_frame = start_frame_;
+    state.start_time = start_;
+    state.dt = dt_;
+  }
+
   std::int64_t frame() const { return frame_; }
   double dt() const { return dt_; }  // of the last frame [s]
   double time() const { return start_ + static_cast<double>(frame_ - start_frame_) * dt_; }
@@ -43,6 +53,15 @@ class Clock {
 // The longest flight of a run so far, of those beyond a radius.
 class FlightRecord {
  public:
+  FlightRecord() = default;
+  explicit FlightRecord(const WorldState& state)
+      : fast_spheres_(state.fast_spheres), flight_(state.fastest_flight), dt_(state.fastest_dt) {}
+  void save(WorldState& state) const {
+    state.fast_spheres = fast_spheres_;
+    state.fastest_flight = flight_;
+    state.fastest_dt = dt_;
+  }
+
   void add(const Watch& watch, double dt) {
     for (const Watch::Tally& tally : watch.tallies) {
       fast_spheres_ += static_cast<std::int64_t>(tally.spheres);
@@ -67,6 +86,9 @@ class Engine {
  public:
   virtual ~Engine() = default;
   virtual void append(const Spheres& spheres) = 0;
+  // Spheres and crowding; clock and flights know their own part of a state.
+  virtual void save(WorldState& state) = 0;
+  virtual void restore(const WorldState& state) = 0;
   virtual std::int64_t step(std::int64_t frames, double dt, const std::function<bool()>& go_on) = 0;
   virtual std::int64_t count() const = 0;
   virtual ArrayView array(Field field) = 0;
@@ -136,6 +158,37 @@ class EngineOn final : public Engine {
     }
     backend_.synchronize();
     is_crowding_known_ = false;
+  }
+
+  void save(WorldState& state) override {
+    check();
+    const auto read = [&](const auto& buffer, int columns) {
+      std::vector<float> values(static_cast<std::size_t>(count() * columns));
+      backend_.copy_to_host(values.data(), reinterpret_cast<const float*>(buffer.data()), count() * columns);
+      return values;
+    };
+    const Bodies<B>& bodies = bodies_;
+    state.spheres = {read(bodies.positions, 3),
+                     read(bodies.velocities, 3),
+                     read(bodies.radii, 1),
+                     read(bodies.masses, 1),
+                     read(bodies.restitutions, 1),
+                     {},
+                     {}};
+    if (bodies.is_rough) {
+      state.spheres.spin = read(bodies.spins, 3);
+      state.spheres.friction = read(bodies.frictions, 1);
+    }
+    if (is_crowding_known_) state.crowding = read(std::as_const(scratch_.substep.crowding), 1);
+  }
+
+  void restore(const WorldState& state) override {
+    append(state.spheres);
+    if (state.crowding.empty()) return;
+    scratch_.substep.crowding.resize(count());
+    backend_.copy_to_device(scratch_.substep.crowding.data(), state.crowding.data(), count());
+    backend_.synchronize();
+    is_crowding_known_ = true;
   }
 
   std::int64_t step(std::int64_t frames, double dt, const std::function<bool()>& go_on) override {
@@ -280,14 +333,20 @@ class EngineOn final : public Engine {
 
   Box box() const { return box_of(options_); }
 
-  // Every run starts here: the user may have written to any array since the last.
-  void shape_grid() {
+  // The user may have written to any array since the last run.
+  StateCheck check() {
     backend_.synchronize();
     const RadiusRange allowed = allowed_radii(box());
-    const StateCheck check = check_state(backend_, box(), allowed.smallest, allowed.largest, bodies_);
-    if (check.first_bad != no_fault) refuse(static_cast<std::int64_t>(check.first_bad / 8), Field(check.first_bad % 8));
+    const StateCheck found = check_state(backend_, box(), allowed.smallest, allowed.largest, bodies_);
+    if (found.first_bad != no_fault) refuse(static_cast<std::int64_t>(found.first_bad / 8), Field(found.first_bad % 8));
+    return found;
+  }
+
+  // Every run starts here.
+  void shape_grid() {
+    const StateCheck found = check();
     bring_in(backend_, box(), bodies_);
-    largest_radius_ = float_of(static_cast<std::uint32_t>(check.largest_radius));
+    largest_radius_ = float_of(static_cast<std::uint32_t>(found.largest_radius));
     scratch_.grid.period = period_of(box());
     scratch_.grid.shape = choose_grid_shape(box(), largest_radius_, options_.cell_size, count(), opening_margin());
   }

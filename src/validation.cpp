@@ -59,6 +59,27 @@ const float* value_of(const Spheres& spheres, Field field, std::int64_t i) {
   return spheres.restitution.data() + i;
 }
 
+// As every run checks them: spheres that have moved need not be inside the bounds.
+void check_numbers(const Spheres& spheres, const Box& box) {
+  check_lengths(spheres);
+  const RadiusRange radii = allowed_radii(box);
+  const CheckBody body{box,
+                       radii.smallest,
+                       radii.largest,
+                       reinterpret_cast<const Vec3*>(spheres.position.data()),
+                       reinterpret_cast<const Vec3*>(spheres.velocity.data()),
+                       spheres.radius.data(),
+                       spheres.mass.data(),
+                       spheres.restitution.data(),
+                       spheres.spin.empty() ? nullptr : reinterpret_cast<const Vec3*>(spheres.spin.data()),
+                       spheres.friction.empty() ? nullptr : spheres.friction.data()};
+  for (std::int64_t i = 0; i < static_cast<std::int64_t>(spheres.radius.size()); ++i) {
+    const StateCheck check = body(i);
+    const Field field = Field(check.first_bad % 8);
+    if (check.first_bad != no_fault) refuse_value(box, field, i, value_of(spheres, field, i));
+  }
+}
+
 }  // namespace
 
 void require(bool good, const char* field, double found, const std::string& allowed, std::int64_t index) {
@@ -82,24 +103,15 @@ void check_options(const WorldOptions& options) {
           options.block_size, "a multiple of 32 from 32 to 512");
 }
 
+void check_count(std::int64_t spheres) {
+  if (spheres > most_spheres) {
+    throw InvalidValue("count", -1, std::to_string(spheres) + " spheres in one world", "at most 268435456");
+  }
+}
+
 void check_spheres(const Spheres& spheres, const WorldOptions& options) {
-  check_lengths(spheres);
-  const Box box = box_of(options);
-  const RadiusRange radii = allowed_radii(box);
-  const CheckBody body{box,
-                       radii.smallest,
-                       radii.largest,
-                       reinterpret_cast<const Vec3*>(spheres.position.data()),
-                       reinterpret_cast<const Vec3*>(spheres.velocity.data()),
-                       spheres.radius.data(),
-                       spheres.mass.data(),
-                       spheres.restitution.data(),
-                       spheres.spin.empty() ? nullptr : reinterpret_cast<const Vec3*>(spheres.spin.data()),
-                       spheres.friction.empty() ? nullptr : spheres.friction.data()};
+  check_numbers(spheres, box_of(options));
   for (std::int64_t i = 0; i < static_cast<std::int64_t>(spheres.radius.size()); ++i) {
-    const StateCheck check = body(i);
-    const Field field = Field(check.first_bad % 8);
-    if (check.first_bad != no_fault) refuse_value(box, field, i, value_of(spheres, field, i));
     if (options.solver == Solver::reference && !spheres.friction.empty() && spheres.friction[i] > 0) {
       throw InvalidValue("friction", i, text_of(spheres.friction[i]),
                          "0: the reference solver has no friction of spheres");
@@ -113,6 +125,28 @@ void check_spheres(const Spheres& spheres, const WorldOptions& options) {
       }
     }
   }
+}
+
+void check_world_state(const WorldState& state, const WorldOptions& options) {
+  const auto count = static_cast<std::int64_t>(state.spheres.radius.size());
+  check_count(count);
+  check_numbers(state.spheres, box_of(options));
+  const auto known = static_cast<std::int64_t>(state.crowding.size());
+  require(known == 0 || (known == count && options.solver == Solver::substep), "crowding", static_cast<double>(known),
+          "a number for each sphere of the default solver, or none");
+  for (std::int64_t i = 0; i < known; ++i) {
+    const float found = state.crowding[static_cast<std::size_t>(i)];
+    require(found >= 0.0f && std::isfinite(found), "crowding", found, "a finite number from 0", i);
+  }
+  require(state.frame >= 0, "frame", static_cast<double>(state.frame), "0 or more");
+  require(state.start_frame >= 0 && state.start_frame <= state.frame, "start_frame",
+          static_cast<double>(state.start_frame), "0 to the frame");
+  require(state.start_time >= 0 && std::isfinite(state.start_time), "start_time", state.start_time,
+          "a finite number from 0 [s]");
+  require(state.dt == 0 || between(state.dt, 1e-9, 1e3), "dt", state.dt, "1e-9 to 1000 [s], or 0 before any frame");
+  require(state.fast_spheres >= 0, "fast_spheres", static_cast<double>(state.fast_spheres), "0 or more");
+  require(between(state.fastest_flight, 0, 1e18), "fastest_flight", state.fastest_flight, "0 to 1e18");
+  require(between(state.fastest_dt, 1e-9, 1e3), "fastest_dt", state.fastest_dt, "1e-9 to 1000 [s]");
 }
 
 void check_random(const RandomSpheres& random) {

@@ -12,8 +12,10 @@ void require(bool good, const char* field, double found, const std::string& allo
 // False for NaN.
 inline bool between(double x, double low, double high) { return x >= low && x <= high; }
 
+void check_count(std::int64_t spheres);
 void check_options(const WorldOptions& options);
 void check_spheres(const Spheres& spheres, const WorldOptions& options);
+void check_world_state(const WorldState& state, const WorldOptions& options);
 void check_random(const RandomSpheres& random);
 
 }  // namespace fastcollide

@@ -46,10 +46,7 @@ std::int64_t World::add(const Spheres& spheres) {
   require_rest(*engine_);
   check_spheres(spheres, options_);
   const std::int64_t first = count();
-  const std::int64_t total = first + static_cast<std::int64_t>(spheres.radius.size());
-  if (total > most_spheres) {
-    throw InvalidValue("count", -1, std::to_string(total) + " spheres in one world", "at most 268435456");
-  }
+  check_count(first + static_cast<std::int64_t>(spheres.radius.size()));
   engine_->append(spheres);
   return first;
 }
@@ -69,6 +66,27 @@ std::int64_t World::step(std::int64_t frames, double dt, const std::function<boo
     bool& flag_;
   } stepping(engine_->is_stepping);
   return engine_->step(frames, dt, go_on);
+}
+
+WorldState World::save() {
+  const Turn turn(*engine_);
+  require_rest(*engine_);
+  WorldState state;
+  engine_->save(state);
+  engine_->clock.save(state);
+  engine_->flights.save(state);
+  return state;
+}
+
+void World::restore(const WorldState& state) {
+  const Turn turn(*engine_);
+  require_rest(*engine_);
+  require(engine_->count() == 0 && engine_->clock.frame() == 0, "state", static_cast<double>(engine_->clock.frame()),
+          "a world without spheres, at frame 0");
+  check_world_state(state, options_);
+  engine_->restore(state);
+  engine_->clock = Clock(state);
+  engine_->flights = FlightRecord(state);
 }
 
 std::int64_t World::count() const {

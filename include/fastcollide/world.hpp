@@ -13,6 +13,7 @@
 #include "fastcollide/boundary.hpp"
 #include "fastcollide/errors.hpp"
 #include "fastcollide/spheres.hpp"
+#include "fastcollide/world_state.hpp"
 
 namespace fastcollide {
 
@@ -81,6 +82,12 @@ class World {
   // frames done. Errors: InvalidValue when a number of the state was made invalid from outside, SimulationError when
   // the simulation leaves its range (the world then stands at the last good frame), DeviceError.
   std::int64_t step(std::int64_t frames, double dt, const std::function<bool()>& go_on = {});
+
+  // A world that goes on from a saved state goes on as this one does, on any device and with any number of threads.
+  // Errors of save: InvalidValue when a number of the state was made invalid from outside; of restore, which is for a
+  // fresh world: InvalidValue names field and index, and the world stays fresh.
+  WorldState save();
+  void restore(const WorldState& state);
 
   std::int64_t count() const;
   std::int64_t frame() const;  // frames done

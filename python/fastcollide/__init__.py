@@ -3,7 +3,7 @@
 from fastcollide.contacts import ContactFinder, Neighbors, Pairs, find_contacts, find_neighbors
 from fastcollide.device_array import DeviceArray
 from fastcollide.devices import BuildInfo, Device, Limits, build_info, devices, limits
-from fastcollide.errors import DeviceError, InvalidValue, OutOfMemory, SimulationError
+from fastcollide.errors import CheckpointError, DeviceError, InvalidValue, OutOfMemory, SimulationError
 from fastcollide.frames import Frame, FrameError, read_frame, write_frame
 from fastcollide.ledger import LedgerError, LedgerWriter, read_ledger
 from fastcollide.render import Camera, Renderer
@@ -15,6 +15,7 @@ __version__ = build_info().version
 __all__ = [
     "BuildInfo",
     "Camera",
+    "CheckpointError",
     "ContactFinder",
     "Contacts",
     "Device",

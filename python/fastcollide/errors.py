@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from os import PathLike, fspath
 
 
 class InvalidValue(ValueError):
@@ -31,6 +32,21 @@ class SimulationError(RuntimeError):
 
 class OutOfMemory(MemoryError):
     """The device or the host has less memory than asked for."""
+
+
+class CheckpointError(ValueError):
+    """A file is no saved world, or it is damaged. path: the file; block: the part of it, or None for the whole."""
+
+    def __init__(self, path: str | PathLike[str], block: str | None, found: str, allowed: str) -> None:
+        super().__init__(fspath(path), block, found, allowed)
+        self.path = fspath(path)
+        self.block = block
+        self.found = found
+        self.allowed = allowed
+
+    def __str__(self) -> str:
+        where = f"{self.path}: {self.block}" if self.block else self.path
+        return f"{where}: found {self.found}; allowed: {self.allowed}"
 
 
 class SceneError(ValueError):

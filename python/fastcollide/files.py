@@ -18,3 +18,30 @@ def written_beside(path: Path) -> Iterator[Path]:
     except BaseException:
         unfinished.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def written_durably(path: Path) -> Iterator[Path]:
+    """As written_beside, and once it has this name the file outlives a power cut: its bytes are on the disk before it
+    takes the name, and the name is when this ends."""
+    with written_beside(path) as unfinished:
+        yield unfinished
+        flush_file(unfinished)
+    flush_folder(path.parent)
+
+
+def flush_file(path: Path) -> None:
+    """Waits until the bytes of this file are on the disk."""
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+def flush_folder(folder: Path) -> None:
+    """Waits until the names of the files in this folder are on the disk, where the system lets a program ask for it."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
+    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)

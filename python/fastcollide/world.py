@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -9,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fastcollide import _core
-from fastcollide.errors import InvalidValue
+from fastcollide.archive import Archive, read_archive, write_archive
+from fastcollide.errors import CheckpointError, InvalidValue
 from fastcollide.spheres import DEFAULT_BOUNDS, Bounds, Spheres, corners
 
 SOLVERS = ("substep", "reference")
@@ -96,11 +98,26 @@ class World:
         self.bounds: Bounds = (tuple(lower), tuple(upper))
         self.solver = solver
         self._timed = False
+        # What a file of this world needs to make it again, on any device.
+        self._options: dict[str, Any] = {
+            "bounds": self.bounds,
+            "boundary": _three_names("boundary", boundary),
+            "gravity": _three("gravity", gravity),
+            "drag": drag,
+            "floor_restitution": floor_restitution,
+            "wall_friction": wall_friction,
+            "rolling_friction": rolling_friction,
+            "solver": solver,
+            "iterations": iterations,
+            "cell_size": cell_size,
+            "method": method,
+            "block_size": block_size,
+        }
         self._world = _core.World(
             lower=lower,
             upper=upper,
-            boundary=_three_names("boundary", boundary),
-            gravity=_three("gravity", gravity),
+            boundary=self._options["boundary"],
+            gravity=self._options["gravity"],
             drag=drag,
             floor_restitution=floor_restitution,
             wall_friction=wall_friction,
@@ -173,6 +190,48 @@ class World:
         leaves its range (the message names the sphere and the frame), DeviceError where the device fails.
         """
         self._world.step(frames, dt)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the world to a file: its arrays, clock and options, and what its solver remembers.
+
+        A world that is loaded from it goes on as this one does, to the last bit. Under its name the file is whole or
+        not there at all, and it is on the disk when this returns; one that was there before stays until then.
+        ``numpy.load`` opens it, too. Raises InvalidValue where an array was written with numbers out of range, OSError
+        where the file cannot be written.
+        """
+        self._save(path)
+
+    def _save(self, path: str | os.PathLike[str], **contents: Any) -> None:
+        """contents: values of JSON that are kept beside the world."""
+        state = self._world.save()
+        numbers = {name: value for name, value in state.items() if not isinstance(value, np.ndarray)}
+        arrays = {name: value for name, value in state.items() if name not in numbers}
+        write_archive(path, {"options": self._options, "state": numbers, **contents}, arrays)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], device: str = "auto", threads: int | None = None) -> World:
+        """The world in a file of save(), on this device: "cpu", "cuda", "cuda:N" or "auto"; threads: of the CPU.
+
+        Goes on as the saved one, to the last bit, whatever the two devices are. Raises CheckpointError where the file
+        is no saved world or is damaged, OSError where it cannot be read, DeviceError where there is no such device,
+        OutOfMemory where it is too small.
+        """
+        return cls._from_archive(read_archive(path), device, threads)
+
+    @classmethod
+    def _from_archive(cls, archive: Archive, device: str, threads: int | None) -> World:
+        options, state = archive.contents.get("options"), archive.contents.get("state")
+        try:
+            world = cls(**options, device=device, threads=threads)
+            world._world.restore(**archive.arrays, **state)
+        except (InvalidValue, OverflowError, TypeError) as error:
+            if isinstance(error, InvalidValue) and error.field in ("device", "threads"):
+                raise  # the caller's own
+            # The checksums are right: a hand has written it.
+            raise CheckpointError(
+                archive.path, None, f"no world ({error})", "the options and the state of one"
+            ) from None
+        return world
 
     def __len__(self) -> int:
         return self._world.count
