@@ -175,6 +175,19 @@ def render(folder: Path, bounds: Any, **values: Any) -> int:
 
 @commands.command()
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@_options({name: PARAMETERS[name] for name in ("device", "threads")})
+def resume(folder: Path, device: str | None, threads: int | None) -> int:
+    """Go on with the run in FOLDER, started with --checkpoint-every, from its last good checkpoint.
+
+    The result is that of a run that was never stopped, also on another device. Without options: where it began.
+    """
+    from fastcollide.resume import resume_and_report
+
+    return resume_and_report(folder, device, threads)
+
+
+@commands.command()
+@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option(
     "--output",
     type=click.Path(dir_okay=False, path_type=Path),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 import fastcollide as fc
+from fastcollide.checkpoints import Checkpoints
 from fastcollide.errors import SceneError
 from fastcollide.frames import FrameError
 from fastcollide.ledger import LEDGER_NAME, LedgerError, read_ledger
@@ -44,15 +46,15 @@ class _Rate(ProgressColumn):
 
 
 @contextmanager
-def progress_bar(label: str, total: int | None = None) -> Iterator[Callable[[int, int], None]]:
+def progress_bar(label: str, total: int | None = None, done: int = 0) -> Iterator[Callable[[int, int], None]]:
     """A bar with rate and remaining time on stderr; nothing at all where that is no terminal.
 
-    Yields a function that takes how many are done, and of how many.
+    done: of an earlier run. Yields a function that takes how many are done, and of how many.
     """
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(), TimeRemainingColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        task = progress.add_task(label, total=total)
+        task = progress.add_task(label, total=total, completed=done)
         yield lambda done, total: progress.update(task, completed=done, total=total)
 
 
@@ -79,7 +81,15 @@ def guard(action: Callable[[], int]) -> int:
         return EXIT_BAD_USAGE
     except OSError as error:
         fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-    except (FrameError, LedgerError, MissingLibrary, fc.DeviceError, fc.SimulationError, VideoError) as error:
+    except (
+        fc.CheckpointError,
+        FrameError,
+        LedgerError,
+        MissingLibrary,
+        fc.DeviceError,
+        fc.SimulationError,
+        VideoError,
+    ) as error:
         fail(str(error))
     except MemoryError as error:
         fail(f"not enough memory: {error}")
@@ -91,21 +101,40 @@ def guard(action: Callable[[], int]) -> int:
 
 def run_and_report(settings: RunSettings) -> int:
     """Runs these settings in front of a person and returns the exit code."""
-    return run_world(create_world(settings), settings, source_of(settings))
+    world, source = create_world(settings), source_of(settings)
+    checkpoints = None
+    if settings.checkpoint_every:
+        from fastcollide.run_record import checkpoints_of  # takes as long to load as all the rest
+
+        checkpoints = checkpoints_of(settings, source)
+    return run_world(world, settings, source, checkpoints=checkpoints)
 
 
 def run_world(
-    world: fc.World, settings: SimulationSettings, source: Source, check: Callable[[], Sequence[Outcome]] = tuple
+    world: fc.World,
+    settings: SimulationSettings,
+    source: Source,
+    check: Callable[[], Sequence[Outcome]] = tuple,
+    *,
+    checkpoints: Checkpoints | None = None,
+    is_continued: bool = False,
 ) -> int:
-    """Runs a fresh world in front of a person and returns the exit code.
+    """Runs a world in front of a person and returns the exit code.
 
-    source: what its report says about it; check: what was expected of the end, asked after the last frame.
+    source: what its report says about it; check: what was expected of the end, asked after the last frame;
+    checkpoints, is_continued: as in simulate().
     """
     say("device", f"{world.device} ({world.device_name})")
     say("spheres", f"{len(world):,}, for {settings.frames:,} frames of 1/{settings.fps} s")
     report = Report(world, settings, source) if settings.report else None
-    with progress_bar("frames", settings.frames) as show_progress:
-        summary = simulate(world, settings, on_frame=lambda frame: show_progress(frame, settings.frames))
+    with progress_bar("frames", settings.frames, world.frame) as show_progress:
+        summary = simulate(
+            world,
+            settings,
+            lambda frame: show_progress(frame, settings.frames),
+            checkpoints,
+            is_continued=is_continued,
+        )
     _show(world, settings, summary)
     outcomes = () if summary.stopped_early else check()
     if report:
@@ -116,7 +145,8 @@ def run_world(
         say("expected", f"{outcome.name} {outcome.allowed}, found {outcome.found}{verdict}")
     if not summary.stopped_early:
         return EXIT_FINE if _all_met(outcomes) else EXIT_FAILURE
-    fail(f"stopped by Ctrl-C after {summary.frames:,} of {settings.frames:,} frames; all files are whole")
+    hint = f"; go on with: {shlex.join(['fastcollide', 'resume', str(settings.output)])}" if checkpoints else ""
+    fail(f"stopped by Ctrl-C after {summary.frames:,} of {settings.frames:,} frames; all files are whole{hint}")
     return EXIT_INTERRUPTED
 
 

@@ -27,7 +27,7 @@ class Start:
     """The figures of the fresh world that the end is compared with."""
 
     energy: fc.Energy
-    momentum: NDArray[np.float64]
+    momentum: tuple[float, float, float]
     momentum_scale: float
 
 
@@ -53,7 +53,7 @@ def _free_spheres(world: fc.World) -> _FreeSpheres:
 def measure_start(world: fc.World) -> Start:
     """To be called before the first step."""
     free = _free_spheres(world)
-    return Start(world.energy(), world.momentum(), float(free.mass.sum() * _rms(free.speed)))
+    return Start(world.energy(), tuple(world.momentum().tolist()), float(free.mass.sum() * _rms(free.speed)))
 
 
 def check_end(expect: ExpectTable, world: fc.World, start: Start, ledger: Ledger | None) -> list[Outcome]:

@@ -61,13 +61,15 @@ def frame_paths(folder: str | os.PathLike[str]) -> list[Path]:
     return sorted(path for path in Path(folder).iterdir() if _FILE_NAME.fullmatch(path.name))
 
 
-def remove_frames(folder: str | os.PathLike[str]) -> int:
-    """Deletes the frame files of an earlier run and returns how many there were.
+def remove_frames(folder: str | os.PathLike[str], after: int = -1) -> int:
+    """Deletes the frame files of an earlier run, those after this frame, and returns how many there were.
 
     A file that only has such a name, but does not start like a frame file, stays.
     """
     removed = 0
     for path in frame_paths(folder):
+        if int(path.stem.removeprefix("frame_")) <= after:
+            continue
         with path.open("rb") as file:
             is_frame = file.readline().rstrip() == FIRST_LINE
         if is_frame:

@@ -8,6 +8,7 @@ killed leaves all rows but the one at hand.
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fastcollide.files import written_durably
 from fastcollide.world import World
 
 LEDGER_NAME = "ledger.csv"
@@ -79,16 +81,22 @@ class LedgerWriter:
                 world.step(10)
                 ledger.add(world)
 
-    path: the file; a ledger of this name is replaced. Raises LedgerError where the file is something else, OSError
-    where it cannot be written.
+    path: the file; a ledger of this name is replaced. keep: where a run goes on, the frames of the rows that stay; what
+    the ledger holds beside them is cut off. Raises LedgerError where the file is something else or lacks one of these
+    rows, OSError where it cannot be written.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: str | os.PathLike[str], keep: Sequence[int] | None = None) -> None:
         self.path = Path(path)
         self.rows = 0
         check_replaceable(self.path)
-        self._file = self.path.open("w", encoding="ascii", newline="\n", buffering=1)  # each line goes out whole
-        self._file.write(_HEADER + "\n")
+        if keep is not None:
+            _cut(self.path, keep)
+            self.rows = len(keep)
+        mode = "w" if keep is None else "a"
+        self._file = self.path.open(mode, encoding="ascii", newline="\n", buffering=1)  # each line goes out whole
+        if keep is None:
+            self._file.write(_HEADER + "\n")
 
     def __enter__(self) -> LedgerWriter:
         return self
@@ -101,9 +109,24 @@ class LedgerWriter:
         self._file.write(",".join(map(repr, measure(world))) + "\n")
         self.rows += 1
 
+    def flush(self) -> None:
+        """Waits until all rows are on the disk."""
+        os.fsync(self._file.fileno())
+
     def close(self) -> None:
         """Ends the file. May be called twice."""
         self._file.close()
+
+
+def _cut(path: Path, frames: Sequence[int]) -> None:
+    """Leaves the rows of these frames in a ledger, byte for byte."""
+    found = read_ledger(path)["frame"].tolist()
+    rows = dict(zip(found, path.read_bytes().split(b"\n")[1:], strict=False))
+    missing = [frame for frame in frames if frame not in rows]
+    if missing:
+        raise LedgerError(f"{path}: found no row of frame {missing[0]}; a run that goes on needs all rows before it")
+    with written_durably(path) as unfinished:
+        unfinished.write_bytes(b"".join(line + b"\n" for line in (_HEADER.encode(), *map(rows.get, frames))))
 
 
 def check_replaceable(path: Path) -> None:

@@ -6,8 +6,10 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 
 import fastcollide as fc
+from fastcollide.checkpoints import Checkpoints, remove_checkpoints
 from fastcollide.frames import frame_path, remove_frames, write_frame
 from fastcollide.interrupt import StopOnInterrupt
 from fastcollide.ledger import LEDGER_NAME, LedgerWriter, check_replaceable
@@ -20,10 +22,11 @@ from fastcollide.settings import RunSettings, SimulationSettings
 class RunSummary:
     """What a run did, and the state it ended in.
 
-    seconds: the whole run [s]; step_seconds, ledger_seconds: the parts spent in the engine and for the ledger [s];
+    first_frame: of a run that was continued, where it went on, else 0; seconds: the whole run since then [s]; step_seconds, ledger_seconds: the parts spent in the engine and for the ledger [s];
     fast_spheres, safe_iterations and safe_dt [s]: as the World has them.
     """
 
+    first_frame: int
     frames: int
     stopped_early: bool
     seconds: float
@@ -45,7 +48,7 @@ class RunSummary:
     @property
     def frames_per_second(self) -> float:
         """Frames that the engine computed in each second."""
-        return self.frames / self.step_seconds if self.step_seconds else 0.0
+        return (self.frames - self.first_frame) / self.step_seconds if self.step_seconds else 0.0
 
 
 def create_world(settings: RunSettings) -> fc.World:
@@ -93,10 +96,10 @@ def check_paths(settings: SimulationSettings) -> None:
     check_picture_files(settings)
 
 
-def _frames_at_once(settings: SimulationSettings, done: int, seconds: float) -> int:
+def _frames_at_once(settings: SimulationSettings, done: int, frames_per_second: float) -> int:
     """Frames until the next one that is written, measured or drawn, but no more than the engine does in a tenth of a
     second: the bar moves and Ctrl-C is heard, and a GPU has work ahead."""
-    most = max(1, int(0.1 * done / seconds)) if seconds else 1
+    most = max(1, int(0.1 * frames_per_second))
     for ahead in range(1, min(most, settings.frames - done)):
         if settings.is_anything_due(done + ahead):
             return ahead
@@ -104,46 +107,77 @@ def _frames_at_once(settings: SimulationSettings, done: int, seconds: float) -> 
 
 
 def simulate(
-    world: fc.World, settings: SimulationSettings, on_frame: Callable[[int], None] = lambda frame: None
+    world: fc.World,
+    settings: SimulationSettings,
+    on_frame: Callable[[int], None] = lambda frame: None,
+    checkpoints: Checkpoints | None = None,
+    *,
+    is_continued: bool = False,
 ) -> RunSummary:
-    """Runs a fresh world to its last frame and writes what the settings ask for.
+    """Runs a world to its last frame and writes what the settings ask for.
 
-    Frame files and the ledger of an earlier run in the same folder are replaced. Every now and then calls
-    on_frame(frames done). Ctrl-C ends the run between two frames.
+    A fresh world replaces frame files, ledger and checkpoints of an earlier run in the same folder; a continued one
+    goes on with those up to its frame and removes the later ones. Every now and then calls on_frame(frames done).
+    checkpoints: where the settings ask for some. Ctrl-C ends the run between two frames.
     """
     started = time.perf_counter()
+    first_frame = world.frame
     step_seconds = ledger_seconds = 0.0
     frame_files = replaced = 0
+    new_files: list[Path] = []  # since the last checkpoint
     with ExitStack() as stack:
         stop = stack.enter_context(StopOnInterrupt())
         painter = stack.enter_context(Painter(settings, world))
         if settings.uses_output:
             settings.output.mkdir(parents=True, exist_ok=True)
+            if not is_continued:
+                remove_checkpoints(settings.output)  # before all else that belongs to them
         if settings.export_every:
-            replaced = remove_frames(settings.output)
+            replaced = remove_frames(settings.output, after=first_frame if is_continued else -1)
+            frame_files = sum(map(settings.is_export_due, range(1, first_frame + 1)))
         ledger = None
         if settings.ledger_interval:
-            ledger = stack.enter_context(LedgerWriter(settings.output / LEDGER_NAME))
-            ledger.add(world)
+            kept = [*filter(settings.is_ledger_due, range(first_frame + 1))] if is_continued else None
+            ledger = stack.enter_context(LedgerWriter(settings.output / LEDGER_NAME, keep=kept))
+            if not is_continued:
+                ledger.add(world)
+
+        def write_checkpoint() -> None:
+            if checkpoints:
+                if ledger:
+                    ledger.flush()
+                checkpoints.write(world, new_files)
+                new_files.clear()
+
+        if not is_continued:
+            write_checkpoint()
         while world.frame < settings.frames and not stop.requested:
             step_started = time.perf_counter()
-            world.step(_frames_at_once(settings, world.frame, step_seconds), dt=settings.dt)
+            rate = (world.frame - first_frame) / step_seconds if step_seconds else 0.0
+            world.step(_frames_at_once(settings, world.frame, rate), dt=settings.dt)
             step_seconds += time.perf_counter() - step_started
             if settings.is_export_due(world.frame):
                 path = frame_path(settings.output, world.frame)
                 write_frame(path, world.frame, world.time, fc.to_numpy(world.positions), fc.to_numpy(world.radii))
                 frame_files += 1
+                if checkpoints:
+                    new_files.append(path)
             if ledger and settings.is_ledger_due(world.frame):
                 ledger_started = time.perf_counter()
                 ledger.add(world)
                 ledger_seconds += time.perf_counter() - ledger_started
             if settings.is_picture_due(world.frame):
                 painter.add_picture()
+            if settings.is_checkpoint_due(world.frame):
+                write_checkpoint()
             on_frame(world.frame)
+        if checkpoints and not settings.is_checkpoint_due(world.frame):  # stopped early
+            write_checkpoint()
         if ledger and not settings.is_ledger_due(world.frame):  # stopped early
             ledger.add(world)
         painter.finish()
     return RunSummary(
+        first_frame=first_frame,
         frames=world.frame,
         stopped_early=world.frame < settings.frames,
         seconds=time.perf_counter() - started,

@@ -13,6 +13,7 @@ from fastcollide.expectations import Outcome, check_end, measure_start
 from fastcollide.ledger import read_ledger
 from fastcollide.parameters import InvalidSetting
 from fastcollide.run import check_paths
+from fastcollide.run_record import checkpoints_of
 from fastcollide.scene import load_scene
 from fastcollide.scene_schema import OutputTable, RunTable
 from fastcollide.scene_text import new_scene
@@ -40,7 +41,9 @@ def run_scene_and_report(path: Path, overrides: Sequence[str], options: dict[str
         ledger = read_ledger(scene.settings.output) if scene.settings.ledger_interval else None
         return check_end(scene.file.expect, world, start, ledger)
 
-    return run_world(world, scene.settings, scene.source(), check)
+    source = scene.source()
+    checkpoints = checkpoints_of(scene.settings, source, scene.file.expect, start)
+    return run_world(world, scene.settings, source, check, checkpoints=checkpoints)
 
 
 def new_scene_and_report(path: Path) -> int:

@@ -158,6 +158,7 @@ class OutputTable(Table):
     folder: Path | None = like("output", default=None, help="Folder of the run. Default: the name of the scene file.")
     export_every: int = like("export_every")
     ledger_every: int | None = like("ledger_every")
+    checkpoint_every: int = like("checkpoint_every")
     report: bool = like("report", allowed="true or false")
     make_video: bool = like("make_video", allowed="true or false")
     video: Path | None = like("video", default=None, help="Video file. Default: video.mp4 in the folder.")

@@ -118,6 +118,13 @@ class SimulationSettings(PictureSettings):
             unset="every 10th, for 30 to 600 rows",
         ),
     )
+    checkpoint_every: int = field(
+        default=0,
+        metadata=_about(
+            Whole(0, 10_000_000),
+            "Write a checkpoint after every N-th frame, from which `resume` goes on; 0 writes none.",
+        ),
+    )
     output: Path = field(
         default=Path("output"), metadata=_about(FilePath(), "Folder for the frame files and the ledger.")
     )
@@ -154,7 +161,7 @@ class SimulationSettings(PictureSettings):
     @property
     def uses_output(self) -> bool:
         """Whether anything is written into the output folder."""
-        return self.export_every > 0 or self.ledger_interval > 0
+        return self.export_every > 0 or self.ledger_interval > 0 or self.checkpoint_every > 0
 
     @property
     def ledger_interval(self) -> int:
@@ -171,6 +178,10 @@ class SimulationSettings(PictureSettings):
         """Whether the ledger gets a row after this frame: the start and the last frame always, if there is a ledger."""
         return self.ledger_interval > 0 and (frame % self.ledger_interval == 0 or frame == self.frames)
 
+    def is_checkpoint_due(self, frame: int) -> bool:
+        """Whether a checkpoint is written after this frame: the start and the last frame always, if there are any."""
+        return self.checkpoint_every > 0 and (frame % self.checkpoint_every == 0 or frame == self.frames)
+
     def is_picture_due(self, frame: int) -> bool:
         """Whether the video shows the state after this frame (counted from 1).
 
@@ -181,8 +192,14 @@ class SimulationSettings(PictureSettings):
         return frame * rate // self.fps > (frame - 1) * rate // self.fps
 
     def is_anything_due(self, frame: int) -> bool:
-        """Whether a frame file, a row of the ledger or a picture is due after this frame (counted from 1)."""
-        return self.is_export_due(frame) or self.is_ledger_due(frame) or self.is_picture_due(frame)
+        """Whether a frame file, a row of the ledger, a checkpoint or a picture is due after this frame, counted from
+        1."""
+        return (
+            self.is_export_due(frame)
+            or self.is_ledger_due(frame)
+            or self.is_checkpoint_due(frame)
+            or self.is_picture_due(frame)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
