@@ -2,9 +2,9 @@
 
     python tools/kill_and_resume.py --kills 50
 
-After each kill, every frame file that is there must be whole and byte for byte that of the undisturbed run. At the end so
-must be all frame files and the ledger, and the state hash. A run that ends before as many kills have hit it is compared,
-and another one begun.
+After each kill, every frame file that is there must be whole and byte for byte that of the undisturbed run; at the end
+so must be all frame files, the ledger and the state hash. A run that ends before as many kills have hit it is
+compared, and another one begun.
 """
 
 from __future__ import annotations
@@ -97,21 +97,21 @@ def main(kills: int, particles: int, frames: int, every: int, solver: str, devic
         run_to_end(["--version"])
         start_seconds = time.perf_counter() - started
 
-        hits = runs = resumes = 0
+        hits = runs = advances = 0
         while hits < kills:
             shutil.rmtree(folder, ignore_errors=True)
             runs += 1
             is_running = True
             while is_running and hits < kills:
                 # A run that was killed before its first checkpoint begins anew.
-                is_begun = folder.is_dir() and bool(checkpoint_paths(folder))
-                resumes += is_begun
+                before = set(checkpoint_paths(folder)) if folder.is_dir() else set()
                 threads = ["--threads", str(moments.choice((1, 2)))]
-                command = ["resume", str(folder)] if is_begun else run
+                command = ["resume", str(folder)] if before else run
                 is_running = is_killed([*command, *threads], moments.uniform(0, 2.5 * start_seconds + 0.3))
                 hits += is_running
                 if folder.is_dir():
                     compare_frames(folder, expected)
+                    advances += is_running and bool(set(checkpoint_paths(folder)) - before)
             found = hash_in(
                 run_to_end(["resume", str(folder)] if folder.is_dir() and checkpoint_paths(folder) else run)
             )
@@ -119,9 +119,8 @@ def main(kills: int, particles: int, frames: int, every: int, solver: str, devic
             if found != wanted:
                 raise Mismatch(f"state hash {found}, expected {wanted}")
         count = len(frame_paths(expected))
-    print(
-        f"{hits} kills, {runs} runs, {resumes} resumed: all {count} frame files, ledger and hash {wanted} as undisturbed"
-    )
+    print(f"{hits} kills, {advances} of them after new checkpoints; {runs} runs in all, each like the undisturbed one:")
+    print(f"{count} frame files and the ledger byte for byte, state hash {wanted}")
 
 
 if __name__ == "__main__":

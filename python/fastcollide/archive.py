@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -28,13 +29,13 @@ MANIFEST = "manifest.json"
 # What zipfile raises, one way or the other, where an archive is not as it must be.
 _ZIP_ERRORS = (
     zipfile.BadZipFile,
+    struct.error,
     EOFError,
-    IndexError,
-    KeyError,
     NotImplementedError,
+    OSError,
+    OverflowError,
     RuntimeError,
     ValueError,
-    OSError,
 )
 
 
@@ -57,12 +58,10 @@ def write_archive(path: str | os.PathLike[str], contents: Mapping[str, Any], arr
         for name, array in arrays.items():
             block = BytesIO()
             np.lib.format.write_array(block, np.asarray(array, dtype="<f4", order="C"), allow_pickle=False)
-            content = block.getbuffer()
-            blocks[f"{name}.npy"] = {"bytes": len(content), "crc32": zlib.crc32(content)}
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                member.write(content)
+            blocks[f"{name}.npy"] = _measure(block.getbuffer())
+            _add_block(archive, f"{name}.npy", block.getbuffer())
         manifest = {"format": FORMAT, "version": VERSION, **contents, "blocks": blocks}
-        archive.writestr(MANIFEST, json.dumps(manifest, indent=1, ensure_ascii=False, default=_plain))
+        _add_block(archive, MANIFEST, json.dumps(manifest, indent=1, ensure_ascii=False, default=_plain).encode())
 
 
 def read_archive(path: str | os.PathLike[str]) -> Archive:
@@ -90,6 +89,15 @@ def read_archive(path: str | os.PathLike[str]) -> Archive:
     return Archive(path, manifest, arrays)
 
 
+def _add_block(archive: zipfile.ZipFile, block: str, content: bytes | memoryview) -> None:
+    with archive.open(block, "w", force_zip64=True) as member:  # without a date: equal worlds give equal files
+        member.write(content)
+
+
+def _measure(content: bytes | memoryview) -> dict[str, int]:
+    return {"bytes": len(content), "crc32": zlib.crc32(content)}
+
+
 def _read_manifest(path: Path, archive: zipfile.ZipFile) -> dict[str, Any]:
     if MANIFEST not in archive.namelist():
         raise CheckpointError(path, MANIFEST, "no such block", "a file of World.save")
@@ -109,18 +117,20 @@ def _read_manifest(path: Path, archive: zipfile.ZipFile) -> dict[str, Any]:
 
 def _read_block(path: Path, archive: zipfile.ZipFile, block: str) -> bytes:
     """The bytes of a block, which zipfile checks against its own CRC-32."""
+    about = archive.getinfo(block)
+    if about.compress_type != zipfile.ZIP_STORED:  # it could unfold to any size
+        raise CheckpointError(path, block, "a compressed block", "blocks without compression")
+    longest = path.stat().st_size
+    if about.file_size > longest or about.compress_size > longest:  # zipfile would make room for it
+        raise CheckpointError(path, block, f"a block of {about.file_size} bytes in a file of {longest}", "whole files")
     try:
-        if archive.getinfo(block).compress_type != zipfile.ZIP_STORED:  # it could unfold to any size
-            raise CheckpointError(path, block, "a compressed block", "blocks without compression")
         return archive.read(block)
-    except CheckpointError:
-        raise
     except _ZIP_ERRORS as error:
         raise CheckpointError(path, block, f"a damaged block ({error})", "the bytes that were written") from None
 
 
 def _check_block(path: Path, block: str, content: bytes, about: Any) -> None:
-    found = {"bytes": len(content), "crc32": zlib.crc32(content)}
+    found = _measure(content)
     if found != about:
         words = f"{found['bytes']} bytes with the CRC-32 {found['crc32']:08x}"
         raise CheckpointError(path, block, words, f"those that the manifest names: {about}")

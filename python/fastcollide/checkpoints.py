@@ -52,7 +52,10 @@ def checkpoint_paths(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def remove_checkpoints(folder: str | os.PathLike[str]) -> None:
-    """Deletes the checkpoints of an earlier run. A file that only has such a name, but does not start like one, stays."""
+    """Deletes the checkpoints of an earlier run.
+
+    A file that only has such a name, but does not start like one, stays.
+    """
     for path in checkpoint_paths(folder):
         with path.open("rb") as file:
             is_archive = file.read(len(_FIRST_BYTES)) == _FIRST_BYTES

@@ -22,7 +22,8 @@ from fastcollide.settings import RunSettings, SimulationSettings
 class RunSummary:
     """What a run did, and the state it ended in.
 
-    first_frame: of a run that was continued, where it went on, else 0; seconds: the whole run since then [s]; step_seconds, ledger_seconds: the parts spent in the engine and for the ledger [s];
+    first_frame: of a run that was continued, where it went on, else 0; seconds: the whole run since then [s];
+    step_seconds, ledger_seconds: the parts spent in the engine and for the ledger [s];
     fast_spheres, safe_iterations and safe_dt [s]: as the World has them.
     """
 

@@ -260,6 +260,7 @@ BAD_OPTIONS = [
     ("fps", ["10001"]),
     ("export_every", ["-1"]),
     ("ledger_every", ["-1"]),
+    ("checkpoint_every", ["-1"]),
     ("gravity", ["nan"]),
     ("damping", ["1.5"]),
     ("drag", ["-1"]),

@@ -15,8 +15,9 @@ from fastcollide.frames import frame_path, frame_paths, read_frame
 from fastcollide.ledger import read_ledger
 
 ROOT = Path(__file__).parent.parent.parent
-RUN = "run --particles 120 --bounds -2 -2 0 2 2 4 --radius 0.1 0.2 --friction 0.3 --frames 50 --threads 1 --no-video".split()
-OFTEN = "--export-every 3 --ledger-every 4 --checkpoint-every 7".split()
+RUN = ["run", "--particles", "120", "--bounds", "-2", "-2", "0", "2", "2", "4", "--radius", "0.1", "0.2"]
+RUN += ["--friction", "0.3", "--frames", "50", "--threads", "1", "--no-video"]
+OFTEN = ["--export-every", "3", "--ledger-every", "4", "--checkpoint-every", "7"]
 
 SCENE = """
 [world]
@@ -98,9 +99,10 @@ def test_it_can_be_stopped_again_and_again(kill_at, capsys):
     assert cli.main([*RUN, *OFTEN, "--output", "straight"]) == 0
     expected = state_hash(capsys)
     kill_at(9, [*RUN, *OFTEN, "--output", "killed"])
-    for frame in (13, 15, 30, 48):
+    for frame in (30, 29, 48):
         kill_at(frame, ["resume", "killed"])
         for path in frame_paths("killed"):
+            assert read_frame(path).frame <= frame  # none of the run before
             assert path.read_bytes() == Path("straight", path.name).read_bytes()
     assert cli.main(["resume", "killed"]) == 0
     assert state_hash(capsys) == expected

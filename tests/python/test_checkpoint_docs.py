@@ -1,0 +1,46 @@
+"""What docs/checkpoints.md shows runs as it stands."""
+
+import re
+from pathlib import Path
+
+import fastcollide as fc
+import numpy as np
+import pytest
+from fastcollide import cli
+
+TEXT = (Path(__file__).parent.parent.parent / "docs" / "checkpoints.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_the_python_example():
+    (example,) = re.findall(r"```python\n(.*?)```", TEXT, flags=re.DOTALL)
+    exec(compile(example, "docs/checkpoints.md", "exec"), {})
+    with np.load("pile.fcw") as file:
+        assert len(file["position"]) == 1000
+
+
+def test_the_commands(capsys):
+    (example,) = re.findall(r"```sh\n(.*?)```", TEXT, flags=re.DOTALL)
+    commands = [line.split()[1:] for line in example.splitlines()]
+    assert [command[0] for command in commands] == ["run", "resume"]
+    small = {"2000": "20", "300": "60"}
+    for command in commands:
+        more = ["--no-video"] if command[0] == "run" else []
+        assert cli.main([*(small.get(word, word) for word in command), *more]) == 0
+    assert Path("pile", "checkpoint_00000050.fcw").is_file()
+
+
+def test_bytes_for_each_sphere():
+    def size(count, friction):
+        world = fc.World(device="cpu")
+        world.add(fc.random_spheres(count, friction=friction))
+        world.step()
+        world.save("size.fcw")
+        return Path("size.fcw").stat().st_size
+
+    found = [round((size(20_000, friction) - size(10_000, friction)) / 10_000, 1) for friction in (0.0, 0.5)]
+    assert f"{found[0]:g} bytes for each sphere ({found[1]:g} with spin and friction)" in TEXT.replace("\n", " ")
