@@ -156,11 +156,13 @@ def test_a_damaged_checkpoint_is_put_aside(kill_at, capsys):
     expected = state_hash(capsys)
     kill_at(30, [*RUN, *OFTEN, "--output", "killed"])
     newest = checkpoint_path("killed", 28)
-    newest.write_bytes(newest.read_bytes()[:-100])
+    damaged = newest.read_bytes()[:-100]
+    newest.write_bytes(damaged)
     assert cli.main(["resume", "killed"]) == 0
     output = capsys.readouterr().out
     assert f"damaged         {newest}: found" in output
     assert "put aside as checkpoint_00000028.fcw.damaged" in output
+    assert newest.with_name("checkpoint_00000028.fcw.damaged").read_bytes() == damaged
     assert "checkpoint_00000021.fcw, after 21 of 50 frames" in output
     assert expected in output
     assert files_of("killed") == files_of("straight")
@@ -212,7 +214,7 @@ def test_half_a_row_and_half_a_file_go(kill_at):
     kill_at(30, [*RUN, *OFTEN, "--output", "killed"])
     with Path("killed", "ledger.csv").open("a") as ledger:
         ledger.write("32,0.53")
-    for name in ("frame_00000030.txt.part", "checkpoint_00000035.fcw.part", "ledger.csv.part"):
+    for name in ("frame_00000031.txt.part", "checkpoint_00000036.fcw.part", "ledger.csv.part"):
         Path("killed", name).write_bytes(b"half")
     Path("killed", "notes.part").write_text("mine")
     assert cli.main(["resume", "killed"]) == 0
@@ -225,6 +227,9 @@ def test_a_finished_run_stays_as_it_is(capsys):
     expected, before = state_hash(capsys), files_of("done")
     assert cli.main(["resume", "done"]) == 0
     assert state_hash(capsys) == expected
+    assert files_of("done") == before
+    assert cli.main(["resume", "done", "--device", "cuda:99"]) == 1
+    assert "cuda:99" in capsys.readouterr().err
     assert files_of("done") == before
 
 

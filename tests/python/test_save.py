@@ -5,6 +5,7 @@ import io
 import json
 import os
 import pickle
+import struct
 import zipfile
 import zlib
 from contextlib import suppress
@@ -19,7 +20,7 @@ from hypothesis import strategies as st
 SMALL_BOX = ((-2, -2, 0), (2, 2, 3))
 
 
-def make_world(device="cpu", *, is_rough=False, count=300, **options):
+def make_world(device="cpu", *, is_rough=False, count=600, **options):
     world = fc.World(**{"bounds": SMALL_BOX, "device": device, **options})
     spheres = fc.random_spheres(count, bounds=SMALL_BOX, radius=(0.05, 0.2), friction=0.4 if is_rough else 0.0, seed=5)
     world.add(spheres)
@@ -425,6 +426,14 @@ def test_a_header_that_asks_for_more_than_there_is(tiny, tmp_path):
     out = repack(out, lambda members: members.update({"manifest.json": json.dumps(manifest).encode()}))
     with pytest.raises(fc.CheckpointError, match=r"position\.npy: found no such array"):
         load_bytes(out, tmp_path / "bomb.fcw")
+
+
+def test_an_entry_that_asks_for_more_than_there_is(tiny, tmp_path):
+    content = bytearray(tiny[0])
+    entry = content.index(b"PK\x01\x02")  # of the first block in the directory at the end
+    struct.pack_into("<II", content, entry + 20, 2**31 - 1, 2**31 - 1)
+    with pytest.raises(fc.CheckpointError, match=f"found a block of 2147483647 bytes in a file of {len(content)}"):
+        load_bytes(bytes(content), tmp_path / "bomb.fcw")
 
 
 def test_compressed_blocks_are_refused(tiny, tmp_path):
