@@ -19,29 +19,14 @@ from fastcollide.parameters import Switch
 from fastcollide.run import create_world, simulate
 from fastcollide.settings import PARAMETERS, RunSettings
 
+pytestmark = pytest.mark.usefixtures("folder")
+
 SMALL = ["--particles", "30", "--frames", "12", "--width", "160", "--height", "90", "--threads", "1"]
 NO_FILES = ["--no-video", "--export-every", "0", "--ledger-every", "0"]
 # Crowded, so that contacts, walls and floor all have their say in the last state.
 CROWDED = [*NO_FILES, "--particles", "200", "--frames", "40", "--bounds", "-2", "-2", "0", "2", "2", "3"]
 
 needs_video = pytest.mark.skipif(find_spec("av") is None, reason="PyAV, the video encoder, is not installed")
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-@pytest.fixture
-def program(capfd):
-    """Runs the program; returns its exit code, standard output and standard error."""
-
-    def run(*arguments):
-        code = cli.main([str(argument) for argument in arguments])
-        return code, *capfd.readouterr()
-
-    return run
 
 
 def summary_of(output):

@@ -18,6 +18,8 @@ from fastcollide.settings import RunSettings
 from fastcollide.source import source_of
 from PIL import Image
 
+pytestmark = pytest.mark.usefixtures("folder")
+
 matplotlib = pytest.importorskip("matplotlib")
 from fastcollide.plots import PANELS, plot_ledger  # noqa: E402
 
@@ -36,23 +38,6 @@ RUN = [
     "180",
 ]
 CROWDED = ["--bounds", "-1.5", "-1.5", "0", "1.5", "1.5", "2.5", "--friction", "0.3"]
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-@pytest.fixture
-def program(capfd):
-    """Runs the program; returns its exit code, standard output and standard error."""
-
-    def run(*arguments):
-        code = cli.main([str(argument) for argument in arguments])
-        return code, *capfd.readouterr()
-
-    return run
 
 
 @pytest.fixture

@@ -11,7 +11,6 @@ from pathlib import Path
 import fastcollide as fc
 import numpy as np
 import pytest
-from fastcollide import cli
 from fastcollide.errors import SceneError
 from fastcollide.expectations import check_end, measure_start
 from fastcollide.scene import load_scene
@@ -31,6 +30,8 @@ from fastcollide.scene_text import new_scene, scene_schema
 from fastcollide.settings import PARAMETERS
 from fastcollide.toml_lines import line_of
 
+pytestmark = pytest.mark.usefixtures("folder")
+
 SCENES = Path(__file__).parent.parent.parent / "scenes"
 SMALL = """
 [world]
@@ -49,23 +50,6 @@ threads = 1
 make_video = false
 export_every = 0
 """
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-@pytest.fixture
-def program(capfd):
-    """Runs the program; returns its exit code, standard output and standard error."""
-
-    def run(*arguments):
-        code = cli.main([str(argument) for argument in arguments])
-        return code, *capfd.readouterr()
-
-    return run
 
 
 def load(text=SMALL, *overrides):
