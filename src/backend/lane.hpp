@@ -1,3 +1,4 @@
+// How the work on one sphere is shared.
 #pragma once
 
 #include "../math.hpp"
