@@ -21,15 +21,22 @@ SANITIZERS = ["memcheck", "racecheck", "initcheck", "synccheck"]
 
 
 def run_scene(
-    program: str, particles: int, frames: int, device: str, solver: str, block_size: int = 128
+    program: str,
+    particles: int,
+    frames: int,
+    device: str,
+    solver: str,
+    block_size: int = 128,
+    method: str = "list",
 ) -> dict[str, object]:
     started = time.perf_counter()
-    command = [program, str(particles), str(frames), device, "0", str(block_size), solver]
+    command = [program, str(particles), str(frames), device, "0", str(block_size), solver, method]
     output = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
     return {
         "particles": particles,
         "frames": frames,
         "solver": solver,
+        "method": method,
         "device": device,
         "block_size": block_size if device != "cpu" else "",
         "start_hash": re.search(r"start (\w+)", output)[1],
@@ -45,8 +52,9 @@ def compare(program: str) -> tuple[list[dict[str, object]], bool]:
     for (particles, frames), solver in itertools.product(SCENES, SOLVERS):
         expected = run_scene(program, particles, frames, "cpu", solver)
         rows.append(expected)
-        for block_size in (32, 128, 512):
-            found = run_scene(program, particles, frames, "cuda", solver, block_size)
+        # The size of a block is that of the plain form.
+        for method, block_size in (("list", 128), ("cells", 32), ("cells", 128), ("cells", 512)):
+            found = run_scene(program, particles, frames, "cuda", solver, block_size, method)
             rows.append(found)
             same &= all(found[key] == expected[key] for key in ("start_hash", "picture_hash", "end_hash", "measured"))
         print(particles, solver, "same" if same else "DIFFERENT", flush=True)

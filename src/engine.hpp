@@ -220,9 +220,6 @@ class EngineOn final : public Engine {
   std::int64_t count() const override { return bodies_.count(); }
 
   ArrayView array(Field field) override {
-    const auto view = [&](auto& buffer, int columns) {
-      return ArrayView{buffer.data(), buffer.size(), columns, backend_.cuda_device(), buffer.share()};
-    };
     switch (field) {
       case Field::position:
         return view(bodies_.positions, 3);
@@ -251,9 +248,6 @@ class EngineOn final : public Engine {
       find_pairs(backend_, scratch_.grid, bodies_, found);
       backend_.synchronize();
     }
-    const auto view = [&](auto& buffer, int columns) {
-      return ArrayView{buffer.data(), buffer.size(), columns, backend_.cuda_device(), buffer.share()};
-    };
     return {view(found.first, 0), view(found.second, 0), view(found.gap, 0), view(found.normal, 3)};
   }
 
@@ -287,6 +281,11 @@ class EngineOn final : public Engine {
   }
 
  private:
+  template <class Buffer>
+  ArrayView view(Buffer& buffer, int columns) {
+    return {buffer.data(), buffer.size(), columns, backend_.cuda_device(), buffer.share()};
+  }
+
   FrameParameters frame_parameters(double dt) const {
     const double flight_time = options_.solver == Solver::substep ? dt / options_.iterations : dt;
     const Vec3 gravity = vector_of(options_.gravity);

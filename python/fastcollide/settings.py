@@ -289,7 +289,7 @@ class RunSettings(SimulationSettings):
         default=None,
         metadata=_about(
             Real(0, 10_000, without_minimum=True),
-            "Edge of a grid cell, at least the largest diameter.",
+            "Edge of a grid cell where contacts are looked up, at least the largest diameter; no result depends on it.",
             unit="m",
             unset="the largest diameter",
         ),

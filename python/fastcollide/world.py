@@ -60,12 +60,12 @@ class World:
     floor_restitution: 0 to 1, of the lower z wall (the other five walls use the sphere's own); wall_friction: Coulomb
     coefficient of all walls; rolling_friction: rolling resistance where spheres turn, a moment of at most this times R
     times the normal force of a contact, with R = r₁ r₂ / (r₁ + r₂), the radius at a wall; solver: "substep" or
-    "reference"; iterations: contact passes a frame; cell_size: edge of a grid cell
-    [m], at least the largest diameter (None: as small as that allows; no result depends on it); device: "cpu", "cuda",
-    "cuda:N" or "auto" (a GPU if there is one, see `device`); threads: of the CPU (None: all);
+    "reference"; iterations: substeps, or contact passes, a frame; cell_size: edge of a grid cell [m] of method "cells"
+    and of contacts(), at least the largest diameter (None: as small as that allows; no result depends on it);
+    device: "cpu", "cuda", "cuda:N" or "auto" (a GPU if there is one, see `device`); threads: of the CPU (None: all);
     method: how neighbours are found, which changes no result: "cells" (a new grid for every pass, simple), "list"
-    (lists that hold for several passes) or "auto" (the fastest); block_size: of CUDA launches, a multiple of 32 up to
-    512.
+    (lists that hold for several passes) or "auto" (the fastest, "list"); block_size: of CUDA launches, a multiple of 32
+    up to 512.
 
     The state after k frames is a function of the scene alone: the same bits on every device, at any number of threads.
 

@@ -130,11 +130,11 @@ struct RecordLists {
   FC_HOST_DEVICE void operator()(std::int64_t row) const {
     const std::uint32_t slot = static_cast<std::uint32_t>(row / lists.lanes);
     const Lane lane{static_cast<int>(row % lists.lanes), static_cast<int>(lists.lanes)};
-    const Skinned self = skinned(built[slot], position_radius[slot].w);
     if (is_fixed(masses[slot])) {  // nothing pushes it, so it asks for nobody
       lists.counts[row] = {0, 0};
       return;
     }
+    const Skinned self = skinned(built[slot], position_radius[slot].w);
     std::uint32_t* list = lists.of_row(row);
     std::uint32_t found = 0;
     auto record = [&](std::uint32_t other) {
@@ -192,7 +192,7 @@ struct ToSlots {
     const Vec4 start = built[slot];
     const bool is_queued = start.w < 0.0f && !is_repaired;
     if (has_left(start, position)) {
-      leave(slot, position, velocity, is_queued);
+      leave(slot, start, position, velocity, is_queued);
     } else if (start.w < 0.0f && is_repaired) {
       built[slot].w = -start.w;
     }
@@ -207,13 +207,12 @@ struct ToSlots {
     return !(dot(moved, moved) <= most * most);  // also where a coordinate is no number
   }
 
-  FC_HOST_DEVICE void leave(std::int64_t slot, Vec3 position, Vec3 velocity, bool is_queued) const {
+  FC_HOST_DEVICE void leave(std::int64_t slot, Vec4 start, Vec3 position, Vec3 velocity, bool is_queued) const {
     if (!is_queued) {
       // Reads before it writes: where all leave at once, they would wait for the same word.
       if (*const_cast<const volatile std::uint32_t*>(&news->queued) > queue_places) return;
       const std::uint32_t place = atomic_add(&news->queued, 1);
       if (place >= queue_places) return;
-      const Vec4 start = built[slot];
       queue[place] = {{start.x, start.y, start.z, fabsf(start.w)}, static_cast<std::uint32_t>(slot)};
       for (std::uint32_t lane = 0; lane < lists.lanes; ++lane) lists.counts[slot * lists.lanes + lane] = {0, 0};
     }

@@ -14,7 +14,7 @@ def by_default(device, solver):
 
 
 def hashes_at(device, solver, cell_size):
-    world = fc.World(device=device, solver=solver, cell_size=cell_size)
+    world = fc.World(device=device, solver=solver, cell_size=cell_size, method="cells")
     world.add(fc.random_spheres(3000, seed=21))
     contacts = world.contact_count()
     assert contacts > 100
@@ -29,7 +29,7 @@ def test_no_result_depends_on_the_size_of_the_cells(device, solver, by_default, 
 
 @pytest.mark.parametrize("cell_size", [0.31, 0.7])
 def test_nor_in_a_crowd(device, cell_size):
-    assert golden.hashes(CROWD, device=device, cell_size=cell_size) == golden.read()[CROWD]
+    assert golden.hashes(CROWD, device=device, cell_size=cell_size, method="cells") == golden.read()[CROWD]
 
 
 def test_cells_smaller_than_a_sphere_are_refused(device):
