@@ -11,6 +11,7 @@
 #include "fastcollide/devices.hpp"
 #include "fastcollide/renderer.hpp"
 #include "fastcollide/world.hpp"
+#include "frame_runs.hpp"
 #include "grid_shape.hpp"
 #include "listed_frames.hpp"
 #include "stages/check_state.hpp"
@@ -365,6 +366,12 @@ class EngineOn final : public Engine {
 
   // Runs frames or, when something goes wrong in one of them, none.
   Watch run_frames(std::int64_t frames, FrameParameters parameters, bool may_have_changed) {
+    if (makes_lists_for_each_frame()) {
+      const std::optional<Watch> watch =
+          frame_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), timer);
+      if (watch) return *watch;
+      may_have_changed = true;  // by frames of that form
+    }
     if (options_.method != Method::cells) {
       const std::optional<Watch> watch =
           listed_.run(parameters, frames, may_have_changed, largest_radius_, body_arrays(), count(), timer);
@@ -380,6 +387,13 @@ class EngineOn final : public Engine {
     backend_.copy_to_host(&watch, static_cast<const Watch*>(scratch_.watch.data()), 1);
     if (watch.first_fault != no_fault) restore_state();
     return watch;
+  }
+
+  // That form has no friction and spin.
+  bool makes_lists_for_each_frame() const {
+    const bool is_wanted =
+        options_.method == Method::frame || (options_.method == Method::automatic && B::has_whole_grid);
+    return is_wanted && !bodies_.is_rough;
   }
 
   BodyArrays body_arrays() {
@@ -421,6 +435,7 @@ class EngineOn final : public Engine {
   B backend_;
   Bodies<B> bodies_{backend_};
   Scratch<B> scratch_{backend_};
+  FrameRuns<B> frame_runs_{backend_};
   ListedFrames<B> listed_{backend_};
   // Before unchecked frames:
   typename B::template Buffer<Vec3> kept_positions_{backend_}, kept_velocities_{backend_}, kept_spins_{backend_};

@@ -31,6 +31,16 @@ class HostRun {
       backend_.fill_zero(counts, n);
     });
   }
+  // Gives each cell of a frame the slots of its spheres, from their counts.
+  template <class World>
+  void allocate_cells(Stage stage, World& world) {
+    exclusive_scan(stage, world.cell_counts, world.cell_start, world.cells);
+    world.cell_end = world.cell_start + 1;
+  }
+  template <class World, class Body>
+  void repeat(World&, std::int64_t times, const Body& body) {
+    for (std::int64_t i = 0; i < times; ++i) body();
+  }
   template <class T>
   T read(const T* word) {
     T value;
@@ -41,6 +51,12 @@ class HostRun {
  private:
   B& backend_;
   StageTimer& timer_;
+};
+
+// What starts the stages of frames with lists of their own; backend/graph_run.cuh has that of CUDA.
+template <Backend B>
+struct FrameRunner {
+  HostRun<B> run(B& backend, StageTimer& timer, std::uint32_t) { return {backend, timer}; }
 };
 
 }  // namespace fastcollide

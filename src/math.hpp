@@ -152,6 +152,19 @@ FC_HOST_DEVICE inline Word atomic_add(Word* target, std::type_identity_t<Word> v
 #endif
 }
 
+// Puts value in the place of what is there, and returns that.
+FC_HOST_DEVICE inline std::uint64_t atomic_exchange(std::uint64_t* target, std::uint64_t value) {
+#if defined(__CUDA_ARCH__)
+  return atomicExch(reinterpret_cast<unsigned long long*>(target), static_cast<unsigned long long>(value));
+#elif !defined(__CUDACC__)
+  return std::atomic_ref<std::uint64_t>(*target).exchange(value, std::memory_order_relaxed);
+#else
+  const std::uint64_t before = *target;  // host pass of nvcc: compiled, never run
+  *target = value;
+  return before;
+#endif
+}
+
 // The lowest of the bits that are set; there is one.
 FC_HOST_DEVICE inline int lowest_bit(std::uint32_t bits) {
 #if defined(__CUDA_ARCH__)

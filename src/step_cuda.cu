@@ -1,11 +1,13 @@
-// The engine, the renderer and the random start on CUDA: the only file that is compiled for a GPU.
+// The engine, the renderer and the random start on CUDA.
 #include "backend/cuda.cuh"
+#include "backend/graph_run.cuh"
 #include "engine.hpp"
 #include "render/render_engine.hpp"
 
 namespace fastcollide {
 
 static_assert(Backend<CudaBackend>);
+extern template class FrameRuns<CudaBackend>;  // frame_runs_cuda.cu
 
 std::unique_ptr<Engine> make_cuda_engine(const WorldOptions& options, int device) {
   return std::make_unique<EngineOn<CudaBackend>>(options, CudaBackend(device, options.block_size));

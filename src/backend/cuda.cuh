@@ -118,6 +118,7 @@ class CudaBackend {
   }
 
   int cuda_device() const { return device_; }
+  cudaStream_t stream() const { return stream_.get(); }
 
   template <class F>
   void for_each(std::int64_t n, const F& f) {

@@ -10,7 +10,7 @@
 #include <type_traits>
 
 #include "../stage_timer.hpp"
-#include "lane.hpp"
+#include "lanes.cuh"
 
 namespace fastcollide {
 
@@ -122,19 +122,6 @@ class GridRun {
     const long long now = clock64();
     ticks_[static_cast<int>(stage)] += static_cast<std::uint64_t>(now - last_);
     last_ = now;
-  }
-
-  template <class Sum>
-  __device__ static Sum of_lane(const Sum& sum, int distance) {
-    static_assert(sizeof(Sum) % 4 == 0);
-    constexpr int words = sizeof(Sum) / 4;
-    std::uint32_t mine[words], other[words];
-    memcpy(mine, &sum, sizeof sum);
-#pragma unroll
-    for (int i = 0; i < words; ++i) other[i] = __shfl_xor_sync(0xFFFFFFFFu, mine[i], distance);
-    Sum result;
-    memcpy(&result, other, sizeof result);
-    return result;
   }
 #endif
 

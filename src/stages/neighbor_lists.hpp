@@ -59,10 +59,11 @@ struct Runs {
 
 // Calls visit(runs) for the slots in the cells that overlap position ± range; rows of cells are shared among the lanes.
 // Cells count along x first: those of a row are one run, or two where the row goes round. Four rows at a time, so that
-// a GPU waits once for where they start.
+// a GPU waits once for where they start. Only the slots of a row of cells need be one behind the other.
 template <class Visit>
-FC_HOST_DEVICE inline void visit_runs(const GridShape& shape, const std::uint32_t* cell_start, Vec3 position,
-                                      float range, Lane lane, Visit& visit) {
+FC_HOST_DEVICE inline void visit_runs(const GridShape& shape, const std::uint32_t* cell_start,
+                                      const std::uint32_t* cell_end, Vec3 position, float range, Lane lane,
+                                      Visit& visit) {
   const CellRange xs = cells_within(position.x, range, shape.x);
   const CellRange ys = cells_within(position.y, range, shape.y);
   const CellRange zs = cells_within(position.z, range, shape.z);
@@ -79,9 +80,9 @@ FC_HOST_DEVICE inline void visit_runs(const GridShape& shape, const std::uint32_
         runs.begin[k] = runs.count[k] = 0;
         if (here < rows) {
           const Vec3i cell{first, cell_in_range(ys, y, shape.y), cell_in_range(zs, z, shape.z)};
-          const std::uint32_t* start = cell_start + cell_hash(cell, shape);
-          runs.begin[k] = start[0];
-          runs.count[k] = start[cells];
+          const std::uint32_t hash = cell_hash(cell, shape);
+          runs.begin[k] = cell_start[hash];
+          runs.count[k] = cell_end[hash + static_cast<std::uint32_t>(cells - 1)];
         }
       }
       FC_UNROLL
@@ -148,7 +149,8 @@ struct RecordLists {
       visit_near(position_radius, period, self.position, self.radius + self.skin + law.reach + law.thickest,
                  runs.total(), runs, record);
     };
-    visit_runs(shape, cell_start, self.position, law.search_range(self.radius, self.skin), lane, look_at);
+    visit_runs(shape, cell_start, cell_start + 1, self.position, law.search_range(self.radius, self.skin), lane,
+               look_at);
     const std::uint32_t kept = found < lists.capacity ? found : lists.capacity;
     lists.counts[row] = {kept, kept};
     if (found > lists.capacity) atomic_max(&control->longest, found);
@@ -274,7 +276,7 @@ struct RepairLists {
     // Others may stand one cell away from that of the last sort.
     const float edge =
         larger(larger(1.0f / shape.x.inverse_edge, 1.0f / shape.y.inverse_edge), 1.0f / shape.z.inverse_edge);
-    visit_runs(shape, cell_start, self.position, law.search_range(self.radius, self.skin) + edge,
+    visit_runs(shape, cell_start, cell_start + 1, self.position, law.search_range(self.radius, self.skin) + edge,
                {static_cast<int>(i % lanes), lanes}, look_at);
   }
 

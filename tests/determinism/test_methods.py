@@ -8,8 +8,8 @@ from determinism import golden
 NAMES = [name for name in golden.SCENES if "20,000" not in name]
 
 
-def both_methods(device, solver, spheres, **options):
-    worlds = [fc.World(device=device, solver=solver, method=method, **options) for method in ("cells", "list")]
+def all_methods(device, solver, spheres, **options):
+    worlds = [fc.World(device=device, solver=solver, method=method, **options) for method in ("cells", "list", "frame")]
     for world in worlds:
         world.add(spheres)
     return worlds
@@ -28,7 +28,7 @@ def test_golden_scenes(device, solver, name):
     spheres, options = make()
     if solver == "reference" and spheres.friction is not None:
         pytest.skip("the reference solver has no friction of spheres")
-    worlds = both_methods(device, solver, spheres, **{key: options[key] for key in options if key != "solver"})
+    worlds = all_methods(device, solver, spheres, **{key: options[key] for key in options if key != "solver"})
     assert_equal_steps(worlds, (1, 1, 5, frames // 2, 2), dt)
 
 
@@ -36,20 +36,20 @@ def test_a_pile_that_comes_to_rest(device, solver):
     """Lists live long here, and a few spheres rattle out of their skins again and again."""
     bounds = ((0, 0, 0), (2, 2, 6))
     spheres = fc.random_spheres(400, bounds, seed=3, radius=(0.04, 0.16))
-    worlds = both_methods(device, solver, spheres, bounds=bounds, boundary=("periodic", "wall", "wall"))
+    worlds = all_methods(device, solver, spheres, bounds=bounds, boundary=("periodic", "wall", "wall"))
     assert_equal_steps(worlds, (100, 100, 200))
 
 
 def test_open_space_far_from_the_origin(device, solver):
     bounds = ((5000, -7000, 900), (5004, -6996, 904))
     spheres = fc.random_spheres(800, bounds, seed=4, radius=(0.1, 0.3), speed=(20, 20, 20))
-    assert_equal_steps(both_methods(device, solver, spheres, boundary="open"), (5, 20, 40))
+    assert_equal_steps(all_methods(device, solver, spheres, boundary="open"), (5, 20, 40))
 
 
 def test_arrays_that_the_user_writes(device, solver, write):
     """Spheres that are moved, blown up, fixed and let loose, sped up and added between two steps."""
     bounds = ((0, 0, 0), (4, 4, 4))
-    worlds = both_methods(device, solver, fc.random_spheres(900, bounds, seed=5, radius=(0.05, 0.12)), bounds=bounds)
+    worlds = all_methods(device, solver, fc.random_spheres(900, bounds, seed=5, radius=(0.05, 0.12)), bounds=bounds)
     random = np.random.default_rng(6)
     assert_equal_steps(worlds, (20,))
 
@@ -75,7 +75,7 @@ def test_arrays_that_the_user_writes(device, solver, write):
 
 
 def test_other_lengths_of_a_frame(device, solver):
-    worlds = both_methods(device, solver, fc.random_spheres(2000, seed=8))
+    worlds = all_methods(device, solver, fc.random_spheres(2000, seed=8))
     for dt in (1 / 60, 1 / 15, 1 / 600, 1 / 60):
         assert_equal_steps(worlds, (3,), dt)
 
@@ -85,7 +85,7 @@ def test_spheres_of_very_different_sizes(device, solver, ratio):
     """The large ones have far more neighbours than a list has room for at first."""
     bounds = ((0, 0, 0), (2, 2, 2))
     small = fc.random_spheres(3000, bounds, seed=9, radius=(0.4 / ratio, 0.4 / ratio))
-    worlds = both_methods(device, solver, small, bounds=bounds)
+    worlds = all_methods(device, solver, small, bounds=bounds)
     for world in worlds:
         world.add(position=[(0.5, 0.5, 0.5), (1.5, 1.5, 1.2)], radius=0.4)
     assert_equal_steps(worlds, (1, 10, 20), 1 / 240)
@@ -93,7 +93,7 @@ def test_spheres_of_very_different_sizes(device, solver, ratio):
 
 def test_more_neighbors_than_lists_can_hold(device, solver):
     """Then every pass has a grid of its own again, and nothing is lost."""
-    worlds = [fc.World(device=device, solver=solver, method=method) for method in ("cells", "list")]
+    worlds = [fc.World(device=device, solver=solver, method=method) for method in ("cells", "list", "frame")]
     centre = np.broadcast_to(np.float32((0, 0, 5)), (5000, 3))
     for world in worlds:
         world.add(position=centre, radius=0.125, mass=np.inf)
@@ -113,5 +113,5 @@ def test_any_number_of_threads_makes_the_same_lists(solver):
 
 
 def test_an_unknown_method_is_refused(device):
-    with pytest.raises(fc.InvalidValue, match=r'method: found "tree".*"auto", "cells" or "list"'):
+    with pytest.raises(fc.InvalidValue, match=r'method: found "tree".*"auto", "cells", "list" or "frame"'):
         fc.World(device=device, method="tree")

@@ -1,0 +1,253 @@
+// Starts the stages of frames as kernels on a stream, and many frames at once as a CUDA graph of them.
+#pragma once
+
+#include <algorithm>
+#include <cstring>
+#include <cub/block/block_load.cuh>
+#include <cub/block/block_scan.cuh>
+#include <cub/block/block_store.cuh>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "../host_run.hpp"
+#include "../stage_timer.hpp"
+#include "cuda.cuh"
+#include "lanes.cuh"
+
+namespace fastcollide {
+
+inline constexpr int graph_run_threads = 128;
+
+// A stage may be put on the device before the one it follows has ended, so that its launch takes no time of its own;
+// it waits here. Cards before compute capability 9.0 start it when the other has ended.
+__device__ inline void wait_for_stage_before() {
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+  cudaGridDependencySynchronize();
+  cudaTriggerProgrammaticLaunchCompletion();
+#endif
+}
+
+template <class F>
+__global__ void __launch_bounds__(graph_run_threads) run_stage(std::int64_t n, const __grid_constant__ F f) {
+  wait_for_stage_before();
+  const std::int64_t i = std::int64_t(blockIdx.x) * blockDim.x + threadIdx.x;
+  if (i < n) f(i);
+}
+
+// `lanes` threads of a warp share one sphere. 64 registers: more threads wait for memory at the same time.
+template <int lanes, class Pass>
+__global__ void __launch_bounds__(graph_run_threads, 8)
+    run_pass(std::int64_t count, const __grid_constant__ Pass pass) {
+  wait_for_stage_before();
+  const std::int64_t row = std::int64_t(blockIdx.x) * blockDim.x + threadIdx.x, slot = row / lanes;
+  const Lane lane{static_cast<int>(threadIdx.x % lanes), lanes};
+  typename Pass::Sum sum;
+  if (slot < count) sum = pass.gather(slot, lane);
+  if constexpr (lanes > 1) {
+    if (__any_sync(0xFFFFFFFFu, !sum.is_empty())) {
+#pragma unroll
+      for (int distance = lanes / 2; distance > 0; distance /= 2) sum.combine(of_lane(sum, distance));
+    }
+  }
+  if (slot < count && lane.index == 0) pass.finish(slot, sum);
+}
+
+// Cells get their slots in blocks of whole rows, in the order in which the blocks come: a row of cells must be one run
+// of slots, and nothing else is asked of the order.
+inline constexpr int cell_block_threads = 256, cells_of_thread = 4,
+                     cells_of_block = cell_block_threads * cells_of_thread;
+
+inline __global__ void __launch_bounds__(cell_block_threads)
+    allocate_cell_block(std::uint32_t* counts, std::uint32_t* start, std::uint32_t* end, std::int64_t cells,
+                        std::int64_t cells_each, std::uint32_t* next_slot) {
+  using Load = cub::BlockLoad<std::uint32_t, cell_block_threads, cells_of_thread, cub::BLOCK_LOAD_WARP_TRANSPOSE>;
+  using Scan = cub::BlockScan<std::uint32_t, cell_block_threads>;
+  using Store = cub::BlockStore<std::uint32_t, cell_block_threads, cells_of_thread, cub::BLOCK_STORE_WARP_TRANSPOSE>;
+  __shared__ union {
+    typename Load::TempStorage load;
+    typename Scan::TempStorage scan;
+    typename Store::TempStorage store;
+  } shared;
+  __shared__ std::uint32_t before;
+  wait_for_stage_before();
+  const std::int64_t first = blockIdx.x * cells_each;
+  const int own = static_cast<int>(min(cells_each, cells - first));
+  std::uint32_t count[cells_of_thread], place[cells_of_thread], total;
+  Load(shared.load).Load(counts + first, count, own, 0u);
+  __syncthreads();
+  Scan(shared.scan).ExclusiveSum(count, place, total);
+  if (threadIdx.x == 0) before = total == 0 ? 0 : atomicAdd(next_slot, total);
+  __syncthreads();
+#pragma unroll
+  for (int i = 0; i < cells_of_thread; ++i) {
+    place[i] += before;
+    count[i] += place[i];
+  }
+  Store(shared.store).Store(start + first, place, own);
+  __syncthreads();
+  Store(shared.store).Store(end + first, count, own);
+  for (int i = threadIdx.x; i < own; i += cell_block_threads) counts[first + i] = 0;
+}
+
+// Graphs of some frames, as long as their kernels' arguments stay the same.
+class FrameGraphs {
+ public:
+  static constexpr std::int64_t frames = 8;  // even: the copies of the state then are as they were
+
+  // Of a world: all that the kernels of its frames are given.
+  using Key = std::vector<unsigned char>;
+  template <class World>
+  static Key key_of(const World& world) {
+    static_assert(std::is_trivially_copyable_v<World>);
+    Key key(sizeof world);
+    std::memcpy(key.data(), &world, sizeof world);
+    return key;
+  }
+
+  bool has_run = false;  // stages have been started, so that all that they need is loaded and allocated
+
+  // Null where there is none.
+  cudaGraphExec_t find(const Key& key) const {
+    for (const Entry& entry : entries_) {
+      if (entry.key == key) return entry.graph.get();
+    }
+    return nullptr;
+  }
+  void keep(Key key, cudaGraphExec_t graph) {
+    if (entries_.size() == most) entries_.erase(entries_.begin());
+    entries_.push_back({std::move(key), {graph, [](cudaGraphExec_t g) { cudaGraphExecDestroy(g); }}});
+  }
+
+ private:
+  static constexpr std::size_t most = 4;
+  struct Entry {
+    Key key;
+    std::shared_ptr<CUgraphExec_st> graph;
+  };
+  std::vector<Entry> entries_;
+};
+
+class GraphRun {
+ public:
+  GraphRun(CudaBackend& backend, StageTimer& timer, FrameGraphs& graphs, std::uint32_t lanes)
+      : backend_(backend), timer_(timer), graphs_(graphs), lanes_(lanes), on_(backend.cuda_device()) {
+    int major = 0;
+    check(cudaDeviceGetAttribute(&major, cudaDevAttrComputeCapabilityMajor, backend.cuda_device()), "capability");
+    can_launch_early_ = major >= 9;
+  }
+
+  template <class F>
+  void for_each(Stage stage, std::int64_t n, const F& f) {
+    timer_.time(backend_, stage, [&] {
+      if (n == 0) return;
+      launch(run_stage<F>, blocks(n), graph_run_threads, n, f);
+    });
+  }
+
+  template <class Pass>
+  void for_each_sphere(Stage stage, std::int64_t count, const Pass& pass) {
+    timer_.time(backend_, stage, [&] {
+      switch (lanes_) {
+        case 8:
+          return start_pass<8>(count, pass);
+        case 2:
+          return start_pass<2>(count, pass);
+        default:
+          return start_pass<1>(count, pass);
+      }
+    });
+  }
+
+  template <class World>
+  void allocate_cells(Stage stage, World& world) {
+    timer_.time(backend_, stage, [&] {
+      const std::int64_t row = world.shape.x.cells;
+      if (row > cells_of_block) {
+        backend_.copy(world.cell_start, static_cast<const std::uint32_t*>(world.cell_counts), world.cells);
+        backend_.exclusive_scan(world.cell_start, world.cells);
+        backend_.fill_zero(world.cell_counts, world.cells);
+        world.cell_end = world.cell_start + 1;
+        return;
+      }
+      const std::int64_t cells_each = cells_of_block / row * row;
+      launch(allocate_cell_block, static_cast<unsigned>((world.cells + cells_each - 1) / cells_each),
+             cell_block_threads, world.cell_counts, world.cell_start, world.cell_end, world.cells, cells_each,
+             &world.control->next_slot);
+    });
+  }
+
+  // body() starts the stages of one frame and leaves in the world what the next one needs.
+  template <class World, class Body>
+  void repeat(World& world, std::int64_t times, const Body& body) {
+    std::int64_t alone = timer_.enabled ? times : times % FrameGraphs::frames;
+    if (!graphs_.has_run) alone = std::min(times, alone + FrameGraphs::frames);
+    for (std::int64_t i = 0; i < alone; ++i) body();
+    graphs_.has_run = true;
+    if (alone == times) return;
+    const FrameGraphs::Key key = FrameGraphs::key_of(world);
+    if (graphs_.find(key) == nullptr) graphs_.keep(key, record(body));
+    cudaGraphExec_t graph = graphs_.find(key);
+    for (std::int64_t i = alone; i < times; i += FrameGraphs::frames) {
+      check(cudaGraphLaunch(graph, backend_.stream()), "graph launch");
+    }
+  }
+
+ private:
+  static unsigned blocks(std::int64_t n) {
+    return static_cast<unsigned>((n + graph_run_threads - 1) / graph_run_threads);
+  }
+
+  template <int lanes, class Pass>
+  void start_pass(std::int64_t count, const Pass& pass) {
+    launch(run_pass<lanes, Pass>, blocks(count * lanes), graph_run_threads, count, pass);
+  }
+
+  template <class... Parameters, class... Arguments>
+  void launch(void (*kernel)(Parameters...), unsigned blocks, int threads, const Arguments&... arguments) {
+    cudaLaunchConfig_t config{};
+    config.gridDim = {blocks, 1, 1};
+    config.blockDim = {static_cast<unsigned>(threads), 1, 1};
+    config.stream = backend_.stream();
+    cudaLaunchAttribute early{};
+    early.id = cudaLaunchAttributeProgrammaticStreamSerialization;
+    early.val.programmaticStreamSerializationAllowed = 1;
+    config.attrs = &early;
+    config.numAttrs = can_launch_early_ ? 1 : 0;
+    check(cudaLaunchKernelEx(&config, kernel, arguments...), "kernel launch");
+  }
+
+  template <class Body>
+  cudaGraphExec_t record(const Body& body) {
+    cudaGraph_t recorded = nullptr;
+    check(cudaStreamBeginCapture(backend_.stream(), cudaStreamCaptureModeThreadLocal), "graph capture");
+    try {
+      for (std::int64_t i = 0; i < FrameGraphs::frames; ++i) body();
+    } catch (...) {
+      cudaStreamEndCapture(backend_.stream(), &recorded);
+      cudaGraphDestroy(recorded);
+      throw;
+    }
+    check(cudaStreamEndCapture(backend_.stream(), &recorded), "graph capture");
+    cudaGraphExec_t graph = nullptr;
+    const cudaError_t status = cudaGraphInstantiate(&graph, recorded, 0);
+    cudaGraphDestroy(recorded);
+    check(status, "graph instantiation");
+    return graph;
+  }
+
+  CudaBackend& backend_;
+  StageTimer& timer_;
+  FrameGraphs& graphs_;
+  std::uint32_t lanes_;
+  OnDevice on_;
+  bool can_launch_early_ = false;
+};
+
+template <>
+struct FrameRunner<CudaBackend> {
+  FrameGraphs graphs;
+  GraphRun run(CudaBackend& backend, StageTimer& timer, std::uint32_t lanes) { return {backend, timer, graphs, lanes}; }
+};
+
+}  // namespace fastcollide

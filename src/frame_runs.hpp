@@ -1,0 +1,222 @@
+// The memory behind frame_step.hpp on one backend, and the calls that run it.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include "frame_step.hpp"
+#include "grid_shape.hpp"
+#include "host_run.hpp"
+
+namespace fastcollide {
+
+template <Backend B>
+class FrameRuns {
+ public:
+  explicit FrameRuns(B& backend) : backend_(backend) {}
+
+  // Runs frames on the bodies, counted from 0 in what is told of them; after a fault the bodies are as before, and also
+  // where nothing is returned: some sphere has so many near it that lists are no way to keep them.
+  std::optional<Watch> run(const FrameParameters& frame, std::int64_t frames, float largest_radius,
+                           const BodyArrays& bodies, std::int64_t count, StageTimer& timer) {
+    if (count == crowded_count_) return {};
+    FrameWorld world{};
+    world.frame = frame;
+    world.is_new = count != count_;
+    world.bodies = bodies;
+    world.count = count;
+    const bool is_substep = frame.solver == Solver::substep;
+    world.shape = shape_cells(frame.substep.box, largest_radius, count);
+    const float reach = is_substep ? frame.substep.law.opening_margin : 0.0f;
+    const float passes = is_substep ? static_cast<float>(frame.iterations) : 1.0f;
+    world.skin = {skin_time * passes * frame.substep.flight.dt,
+                  (count <= few ? thinnest_of_few : thinnest_of_many) * largest_radius,
+                  (count <= few ? thickest_of_few : thickest_of_many) * largest_radius, reach, largest_radius};
+    world.strays.coarse = choose_grid_shape(frame.substep.box, 2.0f * largest_radius, 0.0f, 1, 0.0f);
+    world.strays.passes = static_cast<std::uint32_t>(frame.iterations);
+    choose_lanes(count);
+    for (;;) {
+      resize(world, is_substep);
+      set_pointers(world);
+      const FrameControl control = run_once(world, frames, timer);
+      count_ = count;
+      const bool had_room = control.longest <= rows_ << lane_bits_ && control.most_stray_records <= stray_places_;
+      const bool needs_more = !had_room || control.longest > crowded_at(rows_ << lane_bits_);
+      const bool is_crowded = needs_more && !grow(control);
+      if (had_room) return control.watch;
+      if (is_crowded) return {};
+      world.is_new = false;
+    }
+  }
+
+ private:
+  // A search looks at runs of cells along x: narrow there, so that it looks at little else, and wide across, so that
+  // it begins few runs. Of few spheres they are larger, so that there are about four cells for each.
+  static GridShape shape_cells(const Box& box, float largest_radius, std::int64_t count) {
+    double edge = static_cast<double>(largest_radius);
+    if (box.x != Boundary::open && box.y != Boundary::open && box.z != Boundary::open) {
+      const double volume =
+          double(box.upper.x - box.lower.x) * (box.upper.y - box.lower.y) * (box.upper.z - box.lower.z);
+      edge = std::max(edge, std::cbrt(0.12 * volume / static_cast<double>(count)));
+    }
+    const auto cells = [&](double width) {
+      return choose_grid_shape(box, static_cast<float>(0.5 * width * edge), 0.0f, 16 * count, 0.0f);
+    };
+    const GridShape narrow = cells(narrow_edge), wide = cells(wide_edge);
+    return {narrow.x, wide.y, wide.z};
+  }
+
+  // Skins, in the largest radius, and how many frames at its speed a sphere may move. Where a GPU has threads to spare,
+  // a stray takes longer than looking at more neighbours; of many spheres, looking is what takes time. On an H100 half
+  // of each cost up to a third with 20,000 spheres, twice as much a tenth.
+  static constexpr float skin_time = 1.0f;
+  static constexpr float thinnest_of_few = 0.25f, thickest_of_few = 0.75f, thinnest_of_many = 0.15f,
+                         thickest_of_many = 0.5f;
+  static constexpr std::int64_t few = 131072;
+  // Of cells, in the largest radius.
+  static constexpr double narrow_edge = 1.0, wide_edge = 2.25;
+
+  FrameControl run_once(const FrameWorld& world, std::int64_t frames, StageTimer& timer) {
+    FrameControl control{};
+    control.frame = ~std::uint32_t(0);
+    backend_.copy_to_device(control_.data(), &control, 1);
+    for (auto* heads : {&stray_heads_[0], &stray_heads_[1]}) backend_.fill_zero(heads->data(), heads->size());
+    FrameWorld running = world;
+    auto run = runner_.run(backend_, timer, 1u << lane_bits_);
+    const Box& box = world.frame.substep.box;
+    if (box.x == Boundary::wall && box.y == Boundary::wall && box.z == Boundary::wall) {
+      simulate_frames_by_their_lists<true>(run, running, frames);
+    } else {
+      simulate_frames_by_their_lists<false>(run, running, frames);
+    }
+    // Which of the two copies holds what.
+    if (running.constants.ids != world.constants.ids) std::swap(constants_, other_constants_);
+    backend_.copy_to_host(&control, std::as_const(control_).data(), 1);
+    return control;
+  }
+
+  void choose_lanes(std::int64_t count) {
+    std::uint32_t bits = 0;
+    if constexpr (B::has_whole_grid) bits = count <= 32768 ? 3 : count <= few ? 1 : 0;
+    if (bits == lane_bits_ && rows_ > 0) return;
+    lane_bits_ = bits;
+    // Few spheres get long lists at once; of many, most lie in open space at the start.
+    rows_ = (count <= few ? 64u : 24u) >> bits;
+  }
+
+  void resize(FrameWorld& world, bool is_substep) {
+    const std::int64_t count = world.count;
+    count_ = 0;  // nothing is known should memory run out on the way
+    for (StateBuffers* state : {&state_, &other_state_}) {
+      state->position_radius.resize(count);
+      state->velocity_restitution.resize(count);
+      state->crowding.resize(is_substep ? count : 0);
+    }
+    for (ConstantBuffers* constants : {&constants_, &other_constants_}) {
+      constants->ids.resize(count);
+      constants->masses.resize(count);
+    }
+    built_.resize(count);
+    cell_of_slot_.resize(count);
+    rank_of_slot_.resize(count);
+    velocity_change_.resize(is_substep ? count : 0);
+    pick_.resize(is_substep ? count : 0);
+    world.cells = std::int64_t(world.shape.x.cells) * world.shape.y.cells * world.shape.z.cells;
+    if (cell_counts_.size() < world.cells) {
+      cell_counts_.resize(world.cells);
+      backend_.fill_zero(cell_counts_.data(), world.cells);
+    }
+    cell_start_.resize(world.cells + 1);
+    cell_end_.resize(world.cells + 1);
+    control_.resize(1);
+    list_counts_.resize(count);
+    list_entries_.resize(list_places(count));
+    const GridShape& coarse = world.strays.coarse;
+    stray_places_ = std::max<std::uint32_t>(stray_places_, static_cast<std::uint32_t>(1024 + count / 8));
+    for (int i = 0; i < 2; ++i) {
+      stray_heads_[i].resize(std::int64_t(coarse.x.cells) * coarse.y.cells * coarse.z.cells);
+      stray_records_[i].resize(stray_places_);
+    }
+  }
+  std::int64_t list_places(std::int64_t count) const {
+    const std::int64_t width = B::list_width;
+    return ((count << lane_bits_) + width - 1) / width * width * rows_;
+  }
+
+  bool grow(const FrameControl& control) {
+    const std::uint32_t rows = (control.longest + (1u << lane_bits_) - 1) >> lane_bits_;
+    if (rows > rows_) rows_ = rows + rows / 4;
+    stray_places_ = std::max(stray_places_, control.most_stray_records + control.most_stray_records / 2);
+    if (list_places(count_) <= std::max(most_places, most_places_each * count_)) return true;
+    crowded_count_ = count_;
+    count_ = 0;
+    rows_ = 0;
+    list_entries_ = typename B::template Buffer<std::uint32_t>(backend_);
+    return false;
+  }
+
+  struct StateBuffers {
+    explicit StateBuffers(B& backend) : position_radius(backend), velocity_restitution(backend), crowding(backend) {}
+    SlotState view() {
+      return {position_radius.data(), velocity_restitution.data(), crowding.size() > 0 ? crowding.data() : nullptr,
+              nullptr};
+    }
+    typename B::template Buffer<Vec4> position_radius, velocity_restitution;
+    typename B::template Buffer<float> crowding;
+  };
+  struct ConstantBuffers {
+    explicit ConstantBuffers(B& backend) : ids(backend), masses(backend) {}
+    SlotConstants view() { return {ids.data(), masses.data(), nullptr}; }
+    typename B::template Buffer<std::uint32_t> ids;
+    typename B::template Buffer<float> masses;
+  };
+
+  void set_pointers(FrameWorld& world) {
+    world.state = state_.view();
+    world.other_state = other_state_.view();
+    world.constants = constants_.view();
+    world.other_constants = other_constants_.view();
+    world.built = built_.data();
+    world.cell_of_slot = cell_of_slot_.data();
+    world.rank_of_slot = rank_of_slot_.data();
+    world.cell_counts = cell_counts_.data();
+    world.cell_start = cell_start_.data();
+    world.cell_end = cell_end_.data();
+    world.lists = {list_entries_.data(), list_counts_.data(), rows_, lane_bits_, B::list_width == 1 ? 0u : 5u};
+    world.strays.places = stray_places_;
+    world.strays.control = control_.data();
+    world.other_strays = world.strays;
+    for (int i = 0; i < 2; ++i) {
+      Strays& strays = i == 0 ? world.strays : world.other_strays;
+      strays.heads = stray_heads_[i].data();
+      strays.records = stray_records_[i].data();
+    }
+    world.velocity_change = velocity_change_.data();
+    world.pick = pick_.data();
+    world.control = control_.data();
+  }
+
+  // Of all lists together.
+  static constexpr std::int64_t most_places = std::int64_t(1) << 24, most_places_each = 512;
+
+  B& backend_;
+  FrameRunner<B> runner_;
+  std::int64_t count_ = 0;
+  std::int64_t crowded_count_ = -1;  // of the spheres that lists could not keep
+  std::uint32_t lane_bits_ = 0, rows_ = 0, stray_places_ = 0;
+  typename B::template Buffer<FrameControl> control_{backend_};
+  StateBuffers state_{backend_}, other_state_{backend_};
+  ConstantBuffers constants_{backend_}, other_constants_{backend_};
+  typename B::template Buffer<Vec4> built_{backend_};
+  typename B::template Buffer<Vec3> velocity_change_{backend_};
+  typename B::template Buffer<std::uint32_t> cell_of_slot_{backend_}, rank_of_slot_{backend_}, cell_counts_{backend_},
+      cell_start_{backend_}, cell_end_{backend_}, pick_{backend_}, list_entries_{backend_}, list_counts_{backend_};
+  typename B::template Buffer<std::uint64_t> stray_heads_[2]{typename B::template Buffer<std::uint64_t>(backend_),
+                                                             typename B::template Buffer<std::uint64_t>(backend_)};
+  typename B::template Buffer<StrayRecord> stray_records_[2]{typename B::template Buffer<StrayRecord>(backend_),
+                                                             typename B::template Buffer<StrayRecord>(backend_)};
+};
+
+}  // namespace fastcollide

@@ -1,0 +1,198 @@
+// Frames with lists made once for each: the same results as step.hpp, as a short chain of stages that asks the host for
+// nothing, so that a GPU can be given many frames at once. Worlds without friction and spin only.
+//
+// `Run` starts the stages: HostRun one after the other on a backend, GraphRun as nodes of a CUDA graph.
+#pragma once
+
+#include <utility>
+
+#include "frame_parameters.hpp"
+#include "stage_timer.hpp"
+#include "stages/apply_contacts.hpp"
+#include "stages/gather_contacts.hpp"
+#include "stages/sort_frame_slots.hpp"
+
+namespace fastcollide {
+
+// Plain pointers and numbers. Stages get parts of it.
+struct FrameWorld {
+  FrameParameters frame;
+  std::int64_t count;
+  bool is_new;  // slots that hold nothing yet
+  BodyArrays bodies;
+  SlotState state, other_state;
+  SlotConstants constants, other_constants;
+  Vec4* built;  // place, radius and skin
+  GridShape shape;
+  std::int64_t cells;
+  std::uint32_t *cell_of_slot, *rank_of_slot, *cell_counts, *cell_start, *cell_end;
+  FrameLists lists;
+  Strays strays, other_strays;  // of the passes with an even and an odd number
+  SkinLaw skin;
+  Vec3* velocity_change;
+  std::uint32_t* pick;
+  FrameControl* control;
+
+  GridView grid() const {
+    return {shape,
+            period_of(frame.substep.box),
+            count,
+            constants.ids,
+            cell_start,
+            cell_end,
+            state.position_radius,
+            state.velocity_restitution,
+            constants.masses,
+            state.crowding,
+            nullptr,
+            nullptr};
+  }
+  SortedSlots sorted() const { return {shape, cell_start, cell_end, built, skin}; }
+  Strays strays_of(std::uint32_t pass) const {
+    Strays found = pass % 2 == 0 ? strays : other_strays;
+    found.pass = pass;
+    return found;
+  }
+  FrameListNeighbors neighbors(std::uint32_t pass) const {
+    return {sorted(), lists, strays_of(pass == 0 ? 0 : pass - 1), pass == 0};
+  }
+  ToFrameSlots to_slots(std::uint32_t pass) const {
+    return {other_state, period_of(frame.substep.box), sorted(), strays_of(pass)};
+  }
+  ToNextFrame to_next_frame(bool is_last) const {
+    const Substep& step = frame.substep;
+    return {other_state,
+            {shape, cell_of_slot, rank_of_slot, cell_counts},
+            {step.flight, step.box, step.wall, 0, &control->watch},
+            frame.solver == Solver::reference,
+            is_last,
+            control};
+  }
+  void swap_state() { std::swap(state, other_state); }
+};
+
+// A pass over a world without friction and spin, in a frame whose number only the device knows. Where a compiler is
+// told what a world does not have, it leaves out all that belongs to it.
+template <class Pass, bool has_walls>
+struct SmoothPass {
+  Pass pass;
+  const FrameControl* control;
+
+  FC_HOST_DEVICE Pass now() const {
+    Pass here = pass;
+    here.grid.spins = nullptr;
+    here.grid.frictions = nullptr;
+    here.output.to.spins = nullptr;
+    if constexpr (requires { here.turn; }) here.turn = nullptr;
+    if constexpr (has_walls) {
+      here.grid.period = {0, 0, 0};
+      here.output.assume_walls();
+      if constexpr (requires { here.neighbors; }) here.neighbors.assume_walls();
+    }
+    if constexpr (requires { here.substep; }) {
+      here.substep.frame = control->frame;
+      if constexpr (has_walls) assume_walls(here.substep.box);
+    } else {
+      here.frame = control->frame;
+      if constexpr (has_walls) assume_walls(here.box);
+    }
+    return here;
+  }
+};
+
+// A pass that several lanes may share.
+template <class Pass, bool has_walls>
+struct SharedSmoothPass : SmoothPass<Pass, has_walls> {
+  using Sum = typename Pass::Sum;
+
+  FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const { return this->now().gather(slot, lane); }
+  FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const { this->now().finish(slot, sum); }
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const { run_alone(*this, slot); }
+};
+
+template <class Pass, bool has_walls>
+struct SingleSmoothPass : SmoothPass<Pass, has_walls> {
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const { this->now()(slot); }
+};
+
+template <bool is_shared, bool has_walls>
+struct RecordSmoothLists {
+  RecordFrameLists<is_shared> record;
+
+  FC_HOST_DEVICE void operator()(std::int64_t row) const {
+    RecordFrameLists<is_shared> here = record;
+    if constexpr (has_walls) here.assume_walls();
+    here(row);
+  }
+};
+
+template <bool has_walls, class Run>
+void make_frame_lists(Run& run, FrameWorld& world) {
+  run.allocate_cells(Stage::build_grid, world);
+  run.for_each(Stage::build_grid, world.count,
+               ScatterFrameSlots{world.cell_of_slot, world.rank_of_slot, world.cell_start, world.skin, world.state,
+                                 world.other_state, world.constants, world.other_constants, world.built,
+                                 world.lists.counts, world.control});
+  world.swap_state();
+  std::swap(world.constants, world.other_constants);
+  const auto record = [&]<bool is_shared>() {
+    run.for_each(Stage::make_lists, world.count << world.lists.lane_bits,
+                 RecordSmoothLists<is_shared, has_walls>{{world.sorted(), period_of(world.frame.substep.box),
+                                                          world.constants.masses, world.lists, world.control}});
+  };
+  if (world.lists.lane_bits > 0) {
+    record.template operator()<true>();
+  } else {
+    record.template operator()<false>();
+  }
+}
+
+// One iteration of the reference solver, one substep of the default one.
+template <bool has_walls, class Run, class Output>
+void run_pass(Run& run, FrameWorld& world, std::uint32_t pass, const Output& output) {
+  const Substep& step = world.frame.substep;
+  Watch* watch = &world.control->watch;
+  if (world.frame.solver == Solver::reference) {
+    using Solve = SolveContacts<FrameListNeighbors, Output>;
+    run.for_each_sphere(Stage::solve_contacts, world.count,
+                        SharedSmoothPass<Solve, has_walls>{{{world.frame.scales, step.box, 0, world.grid(),
+                                                             world.neighbors(pass), output, &watch->first_fault},
+                                                            world.control}});
+  } else {
+    using Gather = GatherContacts<FrameListNeighbors, Output>;
+    run.for_each_sphere(
+        Stage::gather_contacts, world.count,
+        SharedSmoothPass<Gather, has_walls>{{{step, world.grid(), world.neighbors(pass), output, world.velocity_change,
+                                              nullptr, world.pick, &watch->first_fault},
+                                             world.control}});
+    run.for_each(Stage::apply_contacts, world.count,
+                 SingleSmoothPass<ApplyContacts<Output>, has_walls>{
+                     {{step, world.grid(), output, world.velocity_change, nullptr, world.pick, watch}, world.control}});
+  }
+  world.swap_state();
+}
+
+template <bool has_walls, class Run>
+void simulate_frame_by_its_lists(Run& run, FrameWorld& world, bool is_last) {
+  make_frame_lists<has_walls>(run, world);
+  const auto last = static_cast<std::uint32_t>(world.frame.iterations) - 1;
+  for (std::uint32_t pass = 0; pass < last; ++pass) run_pass<has_walls>(run, world, pass, world.to_slots(pass));
+  run_pass<has_walls>(run, world, last, world.to_next_frame(is_last));
+}
+
+template <bool has_walls, class Run>
+void simulate_frames_by_their_lists(Run& run, FrameWorld& world, std::int64_t frames) {
+  ToNextFrame first = world.to_next_frame(false);
+  first.to = world.state;
+  run.for_each(Stage::load, world.count, LoadFrameSlots{world.is_new, world.bodies, world.constants, first});
+  world.is_new = false;
+  run.repeat(world, frames - 1, [&] { simulate_frame_by_its_lists<has_walls>(run, world, false); });
+  simulate_frame_by_its_lists<has_walls>(run, world, true);
+  run.for_each(Stage::store, world.count,
+               StoreFrameBodies{{world.state, world.constants.ids, world.bodies},
+                                world.control,
+                                world.lists.rows << world.lists.lane_bits,
+                                world.strays.places});
+}
+
+}  // namespace fastcollide

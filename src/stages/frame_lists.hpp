@@ -1,0 +1,309 @@
+// Lists of the spheres near each one, made anew at the start of every frame and never mended.
+//
+// As in neighbor_lists.hpp, two spheres are listed when they are within reach of each other even if both move through
+// the whole of their skins. A sphere that leaves its skin before the frame ends is a stray: the pass that moves it
+// writes it into a table of coarse cells, and the next pass looks there for strays that its lists do not know. A stray
+// itself looks through the grid. So no pair is missed, none is seen twice, and nothing has to wait for a repair.
+#pragma once
+
+#include "neighbor_lists.hpp"
+
+namespace fastcollide {
+
+// What the device tells the host about a run of frames, and its stages tell each other.
+struct FrameControl {
+  std::uint32_t frame;             // counted from 0 in a run; of the lists that are made
+  std::uint32_t next_slot;         // that the next block of cells takes
+  std::uint32_t longest;           // list that was wanted, where one has little room left
+  std::uint32_t stray_records[3];  // in turn: of the pass before, of this one, of the next
+  std::uint32_t most_stray_records, strays;
+  Watch watch;
+};
+
+// Entry k of a sphere belongs to lane k % lanes. Spheres whose entries are read at the same time lie side by side:
+// `width` words hold one entry of each lane of width / lanes spheres.
+struct FrameLists {
+  std::uint32_t* entries;
+  std::uint32_t* counts;
+  std::uint32_t rows;  // entries of one lane
+  std::uint32_t lane_bits, width_bits;
+
+  FC_HOST_DEVICE std::uint32_t lanes() const { return 1u << lane_bits; }
+  FC_HOST_DEVICE std::int64_t stride() const { return std::int64_t(1) << width_bits; }  // from row to row
+  FC_HOST_DEVICE std::uint32_t* of_lane(std::int64_t slot, std::uint32_t lane) const {
+    const std::uint32_t sphere_bits = width_bits - lane_bits;
+    const std::int64_t block = slot >> sphere_bits, sphere = slot - (block << sphere_bits);
+    return entries + ((block * rows) << width_bits) + (sphere << lane_bits) + lane;
+  }
+};
+
+// Lists grow when one is longer than this part of its places, before any has too few: then frames are done twice.
+FC_HOST_DEVICE inline std::uint32_t crowded_at(std::uint32_t places) { return places - places / 4; }
+
+inline constexpr std::uint32_t no_stray = ~std::uint32_t(0);
+
+// A stray is in the chain of each coarse cell from where it may be reached.
+struct StrayRecord {
+  std::uint32_t slot, next;
+};
+
+// Where all axes end in walls, a compiler that is told so leaves out what belongs to the other boundaries.
+FC_HOST_DEVICE inline void assume_walls(GridShape& shape) {
+  shape.x.boundary = shape.y.boundary = shape.z.boundary = Boundary::wall;
+}
+FC_HOST_DEVICE inline void assume_walls(Box& box) { box.x = box.y = box.z = Boundary::wall; }
+
+// The strays that one pass of a frame writes and the next one reads.
+struct Strays {
+  GridShape coarse;
+  std::uint64_t* heads;  // of each cell: the pass that wrote it, the last record
+  StrayRecord* records;
+  std::uint32_t places;
+  std::uint32_t pass, passes;  // which of how many
+  FrameControl* control;
+
+  FC_HOST_DEVICE std::uint32_t stamp() const { return control->frame * passes + pass + 1; }
+
+  FC_HOST_DEVICE void add(std::uint32_t slot, Vec3 position, float range) const {
+    const std::uint64_t mark = std::uint64_t(stamp()) << 32;
+    const CellRange xs = cells_within(position.x, range, coarse.x);
+    const CellRange ys = cells_within(position.y, range, coarse.y);
+    const CellRange zs = cells_within(position.z, range, coarse.z);
+    atomic_add(&control->strays, 1);
+    const int cells = xs.count * ys.count * zs.count;
+    for (int i = 0; i < cells; ++i) {
+      const Vec3i cell{cell_in_range(xs, i % xs.count, coarse.x), cell_in_range(ys, i / xs.count % ys.count, coarse.y),
+                       cell_in_range(zs, i / xs.count / ys.count, coarse.z)};
+      const std::uint32_t place = atomic_add(&control->stray_records[pass % 3], 1);
+      if (place >= places) {
+        atomic_max(&control->most_stray_records, place + 1);
+        continue;
+      }
+      const std::uint64_t before = atomic_exchange(heads + cell_hash(cell, coarse), mark | place);
+      const bool is_first = (before ^ mark) >> 32 != 0;
+      records[place] = {slot, is_first ? no_stray : static_cast<std::uint32_t>(before)};
+    }
+  }
+
+  FC_HOST_DEVICE bool are_there() const { return control->stray_records[pass % 3] != 0; }
+
+  // Calls visit(slot) for those near the position.
+  template <class Visit>
+  FC_HOST_DEVICE void visit(Vec3 position, Visit& visit) const {
+    const std::uint64_t head = heads[cell_hash(cell_of(position, coarse), coarse)];
+    if (static_cast<std::uint32_t>(head >> 32) != stamp()) return;
+    for (auto place = static_cast<std::uint32_t>(head); place != no_stray; place = records[place].next) {
+      visit(records[place].slot);
+    }
+  }
+};
+
+// A ball that holds a sphere as long as it stays in its skin: place, radius and skin. Two spheres are listed when the
+// balls come within reach of each other; the same bits whichever of the two comes first.
+FC_HOST_DEVICE inline bool are_listed(Vec4 a, Vec4 b, Vec3 period, float reach) {
+  const Vec3 offset = separation({a.x, a.y, a.z}, {b.x, b.y, b.z}, period);
+  const float range = (a.w + b.w) + reach;
+  return dot(offset, offset) <= range * range;
+}
+
+// A fiftieth of the skin makes up for rounding: distances are right to a few 2^-24 and the skin is no thinner than a
+// twentieth of the largest radius. Across a periodic end, differences have the rounding of the period.
+FC_HOST_DEVICE inline bool is_out_of_skin(Vec4 ball, float radius, Vec3 position, Vec3 period) {
+  const Vec3 moved = separation(position, {ball.x, ball.y, ball.z}, period);
+  const float most = larger(0.98f * (ball.w - radius) - 1e-6f * (period.x + period.y + period.z), 0.0f);
+  return !(dot(moved, moved) <= most * most);  // also where a coordinate is no number
+}
+
+// The slots as they were sorted, for those who search them later in the frame.
+struct SortedSlots {
+  GridShape shape;
+  const std::uint32_t *cell_start, *cell_end;
+  const Vec4* balls;
+  SkinLaw law;
+};
+
+// Calls visit(slot, ball) for the slots in the cells that overlap position ± range; rows of cells are shared among the
+// lanes. Cells count along x first: those of a row are one run, or two where the row goes round.
+template <class Visit>
+FC_HOST_DEVICE inline void visit_sorted(const SortedSlots& sorted, Vec3 position, float range, Lane lane,
+                                        Visit& visit) {
+  const GridShape& shape = sorted.shape;
+  const CellRange xs = cells_within(position.x, range, shape.x);
+  const CellRange ys = cells_within(position.y, range, shape.y);
+  const CellRange zs = cells_within(position.z, range, shape.z);
+  const int inside = xs.first + xs.count <= shape.x.cells ? xs.count : shape.x.cells - xs.first;
+  int y = lane.index, z = 0;
+  for (;;) {
+    for (; y >= ys.count; y -= ys.count) ++z;
+    if (z >= zs.count) return;
+    const std::uint32_t row = cell_hash({0, cell_in_range(ys, y, shape.y), cell_in_range(zs, z, shape.z)}, shape);
+    const auto visit_run = [&](int first, int cells) {
+      const std::uint32_t end = sorted.cell_end[row + static_cast<std::uint32_t>(first + cells - 1)];
+      for (std::uint32_t slot = sorted.cell_start[row + static_cast<std::uint32_t>(first)]; slot < end; ++slot) {
+        visit(slot, sorted.balls[slot]);
+      }
+    };
+    visit_run(xs.first, inside);
+    if (shape.x.boundary != Boundary::wall && inside < xs.count) visit_run(0, xs.count - inside);
+    y += lane.count;
+  }
+}
+
+// Entries that one of several lanes has found, until it asks for places in the list of its sphere: once for many.
+struct FoundEntries {
+  static constexpr std::uint32_t most = 12;
+  std::uint32_t slots[most], count = 0;
+
+  FC_HOST_DEVICE void move_to(const FrameLists& lists, std::uint32_t slot, FrameControl* control) {
+    if (count == 0) return;
+    const std::uint32_t first = atomic_add(&lists.counts[slot], count);
+    for (std::uint32_t i = 0; i < count; ++i) {
+      const std::uint32_t place = first + i, row = place >> lists.lane_bits;
+      if (row < lists.rows) {
+        lists.of_lane(slot, place & (lists.lanes() - 1))[std::int64_t(row) * lists.stride()] = slots[i];
+      }
+    }
+    const std::uint32_t end = first + count;
+    if (end > crowded_at(lists.rows << lists.lane_bits)) atomic_max(&control->longest, end);
+    count = 0;
+  }
+};
+
+// Makes the lists. `lanes` neighbours of the counter share a sphere, or one has it for itself.
+template <bool is_shared>
+struct RecordFrameLists {
+  SortedSlots sorted;
+  Vec3 period;
+  const float* masses;
+  FrameLists lists;
+  FrameControl* control;
+
+  FC_HOST_DEVICE void assume_walls() {
+    period = {0, 0, 0};
+    fastcollide::assume_walls(sorted.shape);
+  }
+  FC_HOST_DEVICE void operator()(std::int64_t row) const {
+    const auto slot = static_cast<std::uint32_t>(row >> (is_shared ? lists.lane_bits : 0));
+    if (is_fixed(masses[slot])) return;  // nothing pushes it, so it asks for nobody
+    const Vec4 self = sorted.balls[slot];
+    const Vec3 position{self.x, self.y, self.z};
+    const float range = self.w + sorted.law.reach + sorted.law.largest_radius + sorted.law.thickest;
+    if constexpr (is_shared) {
+      FoundEntries found;
+      auto record = [&](std::uint32_t other, Vec4 there) {
+        if (!are_listed(self, there, period, sorted.law.reach) || other == slot) return;
+        found.slots[found.count++] = other;
+        if (found.count == FoundEntries::most) found.move_to(lists, slot, control);
+      };
+      const int lanes = static_cast<int>(lists.lanes());
+      visit_sorted(sorted, position, range, {static_cast<int>(row) & (lanes - 1), lanes}, record);
+      found.move_to(lists, slot, control);
+    } else {
+      std::uint32_t* place = lists.of_lane(slot, 0);
+      std::uint32_t found = 0;
+      auto record = [&](std::uint32_t other, Vec4 there) {
+        if (!are_listed(self, there, period, sorted.law.reach) || other == slot) return;
+        if (found < lists.rows) *place = other;
+        place += lists.stride();
+        ++found;
+      };
+      visit_sorted(sorted, position, range, Lane{}, record);
+      lists.counts[slot] = found;
+      if (found > crowded_at(lists.rows)) atomic_max(&control->longest, found);
+    }
+  }
+};
+
+// What a contact pass looks at: the list and, where the pass before has left strays, those that it does not know.
+struct FrameListNeighbors {
+  SortedSlots sorted;
+  FrameLists lists;
+  Strays strays;  // of the pass before
+  bool is_first;  // there is none
+
+  FC_HOST_DEVICE void assume_walls() {
+    fastcollide::assume_walls(sorted.shape);
+    fastcollide::assume_walls(strays.coarse);
+  }
+
+  template <class Visit>
+  FC_HOST_DEVICE void visit(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane, Visit& visit) const {
+    std::uint32_t* list = lists.of_lane(slot, static_cast<std::uint32_t>(lane.index));
+    const std::uint32_t all = smaller_of(lists.counts[slot], lists.rows << lists.lane_bits);
+    // Entries of this lane, and the first row that no lane uses.
+    const std::uint32_t own = (all + lists.lanes() - 1 - static_cast<std::uint32_t>(lane.index)) >> lists.lane_bits;
+    const std::uint32_t rows = (all + lists.lanes() - 1) >> lists.lane_bits;
+    std::uint32_t unlisted = 0;
+    if (!is_first && strays.are_there()) {
+      unlisted = write_unlisted(grid, slot, position, lane, list, rows);
+    }
+    const auto slot_at = [&](std::uint32_t i) {
+      return list[std::int64_t(i < own ? i : i - own + rows) * lists.stride()];
+    };
+    visit_near(grid.position_radius, grid.period, position, grid.position_radius[slot].w + sorted.law.reach,
+               own + unlisted, slot_at, visit);
+  }
+
+ private:
+  FC_HOST_DEVICE static std::uint32_t smaller_of(std::uint32_t a, std::uint32_t b) { return a < b ? a : b; }
+
+  // Behind the list, from `row` on, for this pass alone: what only strays bring near. Returns how many.
+  FC_HOST_DEVICE std::uint32_t write_unlisted(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane,
+                                              std::uint32_t* list, std::uint32_t row) const {
+    const Vec4 self = sorted.balls[slot];
+    const float radius = grid.position_radius[slot].w;
+    std::uint32_t found = 0;
+    auto write = [&](std::uint32_t other) {
+      if (other == slot || are_listed(self, sorted.balls[other], grid.period, sorted.law.reach)) return;
+      if (row + found < lists.rows) {
+        list[std::int64_t(row + found) * lists.stride()] = other;
+        ++found;
+      } else {
+        atomic_max(&strays.control->longest, (row + found + 1) << lists.lane_bits);
+      }
+    };
+    int turn = 0;
+    auto share = [&](std::uint32_t other) {
+      if (turn++ % lane.count == lane.index) write(other);
+    };
+    strays.visit(position, share);
+    if (!is_out_of_skin(self, radius, position, grid.period)) return found;
+    // A stray finds the others, which are still in their skins, where the sort has put them.
+    const float range = radius + sorted.law.reach;
+    auto write_if_near = [&](std::uint32_t other, Vec4 ball) {
+      const Vec3 offset = separation(position, {ball.x, ball.y, ball.z}, grid.period);
+      const float most = (range + ball.w) * 1.00001f;
+      if (!(dot(offset, offset) <= most * most)) return;
+      const Vec4 there = grid.position_radius[other];
+      if (!is_out_of_skin(ball, there.w, {there.x, there.y, there.z}, grid.period)) write(other);
+    };
+    visit_sorted(sorted, position, range + sorted.law.largest_radius + sorted.law.thickest, lane, write_if_near);
+    return found;
+  }
+};
+
+// Writes to the other copy of the slots; a sphere out of its skin becomes a stray of the next pass.
+struct ToFrameSlots {
+  SlotState to;
+  Vec3 period;
+  SortedSlots sorted;
+  Strays strays;
+
+  FC_HOST_DEVICE void assume_walls() {
+    period = {0, 0, 0};
+    fastcollide::assume_walls(strays.coarse);
+  }
+  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
+    to.position_radius[slot] = {position.x, position.y, position.z, sphere.radius};
+    to.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, sphere.restitution};
+    if (to.spins != nullptr) to.spins[slot] = spin;
+    if (is_out_of_skin(sorted.balls[slot], sphere.radius, position, period)) {
+      strays.add(static_cast<std::uint32_t>(slot), position,
+                 sphere.radius + sorted.law.reach + sorted.law.largest_radius);
+    }
+    if (slot == 0) strays.control->stray_records[(strays.pass + 1) % 3] = 0;
+  }
+  FC_HOST_DEVICE void write_crowding(std::int64_t slot, const Sphere&, float value) const { to.crowding[slot] = value; }
+};
+
+}  // namespace fastcollide
