@@ -99,11 +99,11 @@ class FrameRuns {
 
   void choose_lanes(std::int64_t count) {
     std::uint32_t bits = 0;
-    if constexpr (B::has_whole_grid) bits = count <= 32768 ? 3 : count <= few ? 1 : 0;
+    if constexpr (B::has_whole_grid) bits = count <= 65536 ? 3 : count <= few ? 2 : 0;
     if (bits == lane_bits_ && rows_ > 0) return;
     lane_bits_ = bits;
     // Few spheres get long lists at once; of many, most lie in open space at the start.
-    rows_ = (count <= few ? 64u : 24u) >> bits;
+    rows_ = (count <= few ? 96u : 32u) >> bits;
   }
 
   void resize(FrameWorld& world, bool is_substep) {

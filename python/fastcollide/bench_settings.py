@@ -10,7 +10,7 @@ from fastcollide.parameters import Choice, DeviceName, FilePath, Kind, Real, Sev
 from fastcollide.settings import parameters_of
 
 PHYSICS = ("reference", "substep", "friction")
-METHODS = ("cells", "list")
+METHODS = ("cells", "list", "frame")
 SIZES, PEER_SIZES = (1_000, 5_000, 10_000, 20_000), (100_000, 1_000_000)
 
 
@@ -44,7 +44,9 @@ class BenchSettings:
     method: tuple[str, ...] = field(
         default=METHODS,
         metadata=_about(
-            Several(Choice(METHODS)), "How neighbours are found: a grid for every pass, or lists that hold."
+            Several(Choice(METHODS)),
+            "How neighbours are found: a grid for every pass, lists that hold, or lists made for each frame (not with "
+            "friction).",
         ),
     )
     device: tuple[str, ...] | None = field(

@@ -64,8 +64,9 @@ class World:
     and of contacts(), at least the largest diameter (None: as small as that allows; no result depends on it);
     device: "cpu", "cuda", "cuda:N" or "auto" (a GPU if there is one, see `device`); threads: of the CPU (None: all);
     method: how neighbours are found, which changes no result: "cells" (a new grid for every pass, simple), "list"
-    (lists that hold for several passes) or "auto" (the fastest, "list"); block_size: of CUDA launches, a multiple of 32
-    up to 512.
+    (lists that are mended and hold for many passes), "frame" (lists made for each frame; "list" where spheres have
+    friction or spin) or "auto" (the fastest: "frame" on a GPU, else "list"); block_size: of CUDA launches of method
+    "cells", a multiple of 32 up to 512.
 
     The state after k frames is a function of the scene alone: the same bits on every device, at any number of threads.
 

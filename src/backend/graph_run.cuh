@@ -151,8 +151,8 @@ class GraphRun {
       switch (lanes_) {
         case 8:
           return start_pass<8>(count, pass);
-        case 2:
-          return start_pass<2>(count, pass);
+        case 4:
+          return start_pass<4>(count, pass);
         default:
           return start_pass<1>(count, pass);
       }
