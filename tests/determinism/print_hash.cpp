@@ -1,5 +1,5 @@
 // Runs the report's scene through the public C++ interface and prints the hashes of its start, its end and a picture.
-//   print_hash [particles [frames [device [threads [block_size [reference | smooth | rough [cells]]]]]]]
+//   print_hash [particles [frames [device [threads [block_size [reference | smooth | rough [cells | list | frame]]]]]]]
 // smooth and rough are the default solver without and with friction, rolling resistance and fixed spheres.
 #include <cinttypes>
 #include <cstdio>
@@ -52,7 +52,10 @@ int main(int argc, char** argv) {
   options.device = argc > 3 ? argv[3] : "cpu";
   options.threads = static_cast<int>(number(4, 0));
   options.block_size = static_cast<int>(number(5, 128));
-  if (argc > 7 && std::string(argv[7]) == "cells") options.method = fastcollide::Method::cells;
+  const std::string method = argc > 7 ? argv[7] : "";
+  if (method == "cells") options.method = fastcollide::Method::cells;
+  if (method == "list") options.method = fastcollide::Method::list;
+  if (method == "frame") options.method = fastcollide::Method::frame;
   try {
     const std::string kind = argc > 6 ? argv[6] : "rough";
     options.solver = kind == "reference" ? fastcollide::Solver::reference : fastcollide::Solver::substep;
