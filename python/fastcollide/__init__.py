@@ -6,6 +6,7 @@ from fastcollide.devices import BuildInfo, Device, Limits, build_info, devices, 
 from fastcollide.errors import CheckpointError, DeviceError, InvalidValue, OutOfMemory, SimulationError
 from fastcollide.frames import Frame, FrameError, read_frame, write_frame
 from fastcollide.ledger import LedgerError, LedgerWriter, read_ledger
+from fastcollide.recording import Recording, open
 from fastcollide.render import Camera, Renderer
 from fastcollide.spheres import Spheres, drag_from_damping, lattice_spheres, random_spheres
 from fastcollide.world import Contacts, Energy, World, to_numpy
@@ -31,6 +32,7 @@ __all__ = [
     "Neighbors",
     "OutOfMemory",
     "Pairs",
+    "Recording",
     "Renderer",
     "SimulationError",
     "Spheres",
@@ -42,6 +44,7 @@ __all__ = [
     "find_neighbors",
     "lattice_spheres",
     "limits",
+    "open",
     "random_spheres",
     "read_frame",
     "read_ledger",

@@ -16,12 +16,12 @@ from rich.text import Text
 
 import fastcollide as fc
 from fastcollide.checkpoints import Checkpoints
-from fastcollide.errors import SceneError
+from fastcollide.errors import MissingLibrary, SceneError
 from fastcollide.frames import FrameError
 from fastcollide.ledger import LEDGER_NAME, LedgerError, read_ledger
 from fastcollide.parameters import InvalidSetting
 from fastcollide.pictures import check_picture_files, make_picture_folders
-from fastcollide.plots import MissingLibrary, check_plot_file, plot_ledger, save_plot
+from fastcollide.plots import check_plot_file, plot_ledger, save_plot
 from fastcollide.render import Bounds
 from fastcollide.report import Report, Source
 from fastcollide.run import RunSummary, create_world, simulate
@@ -210,11 +210,13 @@ def _show(world: fc.World, settings: SimulationSettings, summary: RunSummary) ->
     if summary.fast_spheres:
         say("fast spheres", _about_fast_spheres(world.solver, settings, summary))
     say("state hash", f"{summary.state_hash:016x}")
-    if settings.export_every:
+    if settings.writes_frame_files:
         replaced = (
             f"; replaced {summary.replaced_frame_files:,} of an earlier run" if summary.replaced_frame_files else ""
         )
         say("frame files", f"{summary.frame_files:,} in {settings.output.resolve()}{replaced}")
+    for path in settings.trajectory or ():
+        say("trajectory", f"{settings.exports(summary.frames):,} frames in {path.resolve()}")
     if settings.ledger_interval:
         share = f"{100 * summary.ledger_seconds / summary.seconds:.1f} % of the time" if summary.seconds else ""
         say("ledger", f"{summary.ledger_rows:,} rows in {(settings.output / LEDGER_NAME).resolve()}, {share}")

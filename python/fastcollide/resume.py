@@ -32,7 +32,7 @@ def resume_and_report(folder: Path, device: str | None, threads: int | None) -> 
         record.settings, device=device or record.settings.device, threads=threads or record.settings.threads
     )
     _check_frames(settings, world.frame)
-    check_paths(settings)
+    check_paths(settings, world.frame)
     remove_unfinished_files(folder)
     say("resumed", f"{path.resolve()}, after {world.frame:,} of {settings.frames:,} frames")
 
@@ -75,6 +75,8 @@ def _last_good(folder: Path, device: str | None, threads: int | None) -> tuple[P
 
 
 def _check_frames(settings: SimulationSettings, done: int) -> None:
+    if not settings.writes_frame_files:
+        return
     for frame in filter(settings.is_export_due, range(1, done + 1)):
         path = frame_path(settings.output, frame)
         if not path.is_file():

@@ -20,6 +20,7 @@ from fastcollide.parameters import (
     Kind,
     Parameter,
     Real,
+    Several,
     Switch,
     Whole,
 )
@@ -27,6 +28,7 @@ from fastcollide.render import ColorBy
 from fastcollide.world import SOLVERS
 
 DEFAULT_VIDEO_FPS = 30
+TRAJECTORY_SUFFIXES = (".gsd", ".vtkhdf")
 
 
 def _about(kind: Kind, help: str, **details: Any) -> dict[str, Any]:
@@ -108,7 +110,21 @@ class SimulationSettings(PictureSettings):
         metadata=_about(Whole(1, 10_000), "Simulated frames per second; a frame lasts 1/fps seconds.", unit="frames/s"),
     )
     export_every: int = field(
-        default=2, metadata=_about(Whole(0, 10_000_000), "Write a frame file after every N-th frame; 0 writes none.")
+        default=2,
+        metadata=_about(
+            Whole(0, 10_000_000),
+            "Write every N-th frame, as a text file and into trajectories; 0 writes none.",
+        ),
+    )
+    make_frame_files: bool = field(default=True, metadata=_about(Switch(), "Write the frames as text files or not."))
+    trajectory: tuple[Path, ...] | None = field(
+        default=None,
+        metadata=_about(
+            Several(FilePath(TRAJECTORY_SUFFIXES)),
+            "Also write the frames, with velocities, into one file: .gsd for OVITO, freud and HOOMD, .vtkhdf for "
+            "ParaView; can be given again.",
+            unset="no trajectory",
+        ),
     )
     ledger_every: int | None = field(
         default=None,
@@ -117,6 +133,9 @@ class SimulationSettings(PictureSettings):
             "Write a row of ledger.csv (energy, momentum, contacts, overlap) after every N-th frame; 0 writes none.",
             unset="every 10th, for 30 to 600 rows",
         ),
+    )
+    parquet: bool = field(
+        default=False, metadata=_about(Switch(), "Also write the ledger as ledger.parquet when the run ends.")
     )
     checkpoint_every: int = field(
         default=0,
@@ -136,6 +155,13 @@ class SimulationSettings(PictureSettings):
         super().__post_init__()
         if self.report and not self.ledger_interval:
             raise InvalidSetting("report", "1 together with ledger-every 0", "a report with a ledger to draw")
+        if self.parquet and not self.ledger_interval:
+            raise InvalidSetting("parquet", "1 together with ledger-every 0", "parquet with a ledger to write")
+        if self.trajectory:
+            if not self.export_every:
+                raise InvalidSetting("trajectory", "one together with export-every 0", "export-every above 0")
+            if len(set(self.trajectory)) < len(self.trajectory):
+                raise InvalidSetting("trajectory", "one file twice", "a name for each")
         if self.pictures_per_second > self.fps:
             raise InvalidSetting("video_fps", self.video_fps, f"at most fps, which is {self.fps}")
 
@@ -155,13 +181,22 @@ class SimulationSettings(PictureSettings):
         return min(DEFAULT_VIDEO_FPS, self.fps) if self.video_fps is None else self.video_fps
 
     def is_export_due(self, frame: int) -> bool:
-        """Whether a frame file is written after this frame (counted from 1)."""
+        """Whether this frame (counted from 1) is written to frame files and trajectories."""
         return self.export_every > 0 and frame % self.export_every == 0
+
+    @property
+    def writes_frame_files(self) -> bool:
+        """Whether there are frame files."""
+        return self.export_every > 0 and self.make_frame_files
 
     @property
     def uses_output(self) -> bool:
         """Whether anything is written into the output folder."""
         return self.export_every > 0 or self.ledger_interval > 0 or self.checkpoint_every > 0
+
+    def exports(self, frame: int) -> int:
+        """How many frames have been written after this one."""
+        return frame // self.export_every if self.export_every else 0
 
     @property
     def ledger_interval(self) -> int:

@@ -117,7 +117,8 @@ def test_without_frame_files_or_ledger(kill_at, capsys, solver):
     kill_at(33, [*few, "--checkpoint-every", "10", "--output", "killed"])
     assert cli.main(["resume", "killed"]) == 0
     assert state_hash(capsys) == expected
-    assert {path.name for path in Path("killed").iterdir()} == {"checkpoint_00000040.fcw", "checkpoint_00000050.fcw"}
+    left = {"checkpoint_00000040.fcw", "checkpoint_00000050.fcw", "run.json"}
+    assert {path.name for path in Path("killed").iterdir()} == left
 
 
 def test_checkpoints_change_nothing(capsys):
