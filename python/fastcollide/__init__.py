@@ -3,7 +3,7 @@
 from fastcollide.contacts import ContactFinder, Neighbors, Pairs, find_contacts, find_neighbors
 from fastcollide.device_array import DeviceArray
 from fastcollide.devices import BuildInfo, Device, Limits, build_info, devices, limits
-from fastcollide.errors import CheckpointError, DeviceError, InvalidValue, OutOfMemory, SimulationError
+from fastcollide.errors import CheckpointError, DeviceError, InvalidValue, MissingLibrary, OutOfMemory, SimulationError
 from fastcollide.frames import Frame, FrameError, read_frame, write_frame
 from fastcollide.ledger import LedgerError, LedgerWriter, read_ledger
 from fastcollide.recording import Recording, open
@@ -29,6 +29,7 @@ __all__ = [
     "LedgerError",
     "LedgerWriter",
     "Limits",
+    "MissingLibrary",
     "Neighbors",
     "OutOfMemory",
     "Pairs",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -65,14 +66,9 @@ def check_trajectories(paths: Iterable[Path], keep: int = 0) -> None:
 
 def _format(path: Path) -> Any:
     try:
-        if path.suffix.lower() == ".gsd":
-            from fastcollide import gsd_file
-
-            return gsd_file
-        from fastcollide import vtkhdf_file
-
-        return vtkhdf_file
+        return import_module(f"fastcollide.{path.suffix.lower().removeprefix('.')}_file")
     except ImportError as error:
+        library = str(error.name).partition(".")[0]
         raise MissingLibrary(
-            f"{path.suffix} files need {error.name}, which is not installed; get it with: {INSTALL}"
+            f"{path.suffix} files need {library}, which is not installed; get it with: {INSTALL}"
         ) from None
