@@ -145,7 +145,7 @@ def main(kills: int, particles: int, frames: int, every: int, solver: str, devic
                 before = set(checkpoint_paths(folder)) if folder.is_dir() else set()
                 threads = ["--threads", str(moments.choice((1, 2)))]
                 command = ["resume", str(folder)] if before else run
-                is_running = is_killed([*command, *threads], moments.uniform(0, 2.5 * start_seconds + 0.3))
+                is_running = is_killed([*command, *threads], moments.uniform(0, 4 * start_seconds + 0.5))
                 hits += is_running
                 if folder.is_dir():
                     compare_frames(folder, expected)
