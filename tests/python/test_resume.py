@@ -385,6 +385,9 @@ def test_a_trajectory_goes_on(trajectory, kill_at, frame):
     assert [found[0] for found in expected] == list(range(3, 51, 3))
     if frame >= 3:
         assert frames_in(part) == expected[: frame // 3]
+    if frame == 30:
+        kill_at(29, ["resume", "killed"])
+        assert frames_in(part) == expected[:9]  # none of the run before
     shutil.move("killed", "moved")
     assert cli.main(["resume", "moved"]) == 0
     assert frames_in(f"moved/{trajectory}") == expected
