@@ -1,5 +1,6 @@
 """FastCollide: many colliding spheres on CPU and GPU, with the same bits on both."""
 
+from fastcollide.cameras import Camera, Orbit
 from fastcollide.contacts import ContactFinder, Neighbors, Pairs, find_contacts, find_neighbors
 from fastcollide.device_array import DeviceArray
 from fastcollide.devices import BuildInfo, Device, Limits, build_info, devices, limits
@@ -7,7 +8,7 @@ from fastcollide.errors import CheckpointError, DeviceError, InvalidValue, Missi
 from fastcollide.frames import Frame, FrameError, read_frame, write_frame
 from fastcollide.ledger import LedgerError, LedgerWriter, read_ledger
 from fastcollide.recording import Recording, open
-from fastcollide.render import Camera, Renderer
+from fastcollide.render import Renderer
 from fastcollide.spheres import Spheres, drag_from_damping, lattice_spheres, random_spheres
 from fastcollide.world import Contacts, Energy, World, to_numpy
 
@@ -31,6 +32,7 @@ __all__ = [
     "Limits",
     "MissingLibrary",
     "Neighbors",
+    "Orbit",
     "OutOfMemory",
     "Pairs",
     "Recording",

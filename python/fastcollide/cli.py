@@ -178,12 +178,13 @@ def demo() -> int:
 
 
 @commands.command()
-@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.argument("runs", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.option("--label", "labels", multiple=True, help="Caption of a run; can be given once for each.")
 @_options(RENDER_PARAMETERS)
-def render(folder: Path, bounds: Any, **values: Any) -> int:
-    """Make a video of the frame files in FOLDER."""
+def render(runs: tuple[Path, ...], labels: tuple[str, ...], bounds: Any, **values: Any) -> int:
+    """Make a video of RUNS, which are output folders or trajectory files; several are shown side by side."""
     corners = (bounds[:3], bounds[3:]) if bounds else None
-    return render_and_report(folder, corners, PictureSettings(**_given(values)))
+    return render_and_report(runs, corners, PictureSettings(**_given(values)), labels)
 
 
 @commands.command()

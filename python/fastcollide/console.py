@@ -23,11 +23,12 @@ from fastcollide.parameters import InvalidSetting
 from fastcollide.pictures import check_picture_files, make_picture_folders
 from fastcollide.plots import check_plot_file, plot_ledger, save_plot
 from fastcollide.render import Bounds
+from fastcollide.render_frames import render_folder
 from fastcollide.report import Report, Source
 from fastcollide.run import RunSummary, create_world, simulate
 from fastcollide.settings import PARAMETERS, PictureSettings, RunSettings, SimulationSettings
 from fastcollide.source import source_of
-from fastcollide.video import VideoError, render_folder
+from fastcollide.video import VideoError
 
 if TYPE_CHECKING:
     from fastcollide.expectations import Outcome
@@ -157,29 +158,37 @@ def _all_met(outcomes: Sequence[Outcome]) -> bool:
     return not failures
 
 
-def render_and_report(folder: Path, bounds: Bounds | None, settings: PictureSettings) -> int:
-    """Makes video and still of a folder of frame files in front of a person and returns the exit code.
+def render_and_report(
+    paths: Sequence[Path], bounds: Bounds | None, settings: PictureSettings, labels: Sequence[str] = ()
+) -> int:
+    """Makes video and still of what runs have written in front of a person and returns the exit code.
 
-    bounds: lower and upper corner of the box that they come from [m]; None takes one that holds the spheres.
+    paths: output folders or trajectory files, shown side by side; labels: a caption for each; bounds: lower and upper
+    corner of the box that they come from [m]; None takes that of the run.
     """
+    if len(labels) not in (0, len(paths)):
+        raise InvalidSetting("label", f"{len(labels)} for {len(paths)} runs", "one for each, or none")
+    if len(paths) > 1 and not labels:
+        labels = [path.name or str(path) for path in paths]
     files = settings.picture_files
     check_picture_files(settings)
     make_picture_folders(settings)
     with progress_bar("pictures") as show_progress:
         pictures = render_folder(
-            folder,
+            paths,
             video=files.get("video"),
             still=files.get("still"),
             bounds=bounds,
             width=settings.width,
             height=settings.height,
             supersampling=settings.supersampling,
-            camera=settings.camera,
+            camera=settings.view,
             color_by=settings.color_by,
             color_range=settings.color_range,
             color_map=settings.color_map,
             fps=settings.video_fps,
             quality=settings.quality,
+            labels=labels,
             device=settings.device,
             threads=settings.threads,
             progress=show_progress,

@@ -173,7 +173,10 @@ class OutputTable(Table):
     color_by: ColorBy = like("color_by")
     color_range: tuple[Finite, Finite] | None = like("color_range", allowed="two numbers, the lower one first")
     color_map: Literal["tide", "ember"] = like("color_map")
-    camera: Literal["auto", "front", "top"] = like("camera")
+    camera: Literal["auto", "front", "top", "orbit"] = like("camera")
+    orbit_period: float = like("orbit_period")
+    camera_position: Vector | None = like("camera_position", allowed=A_VECTOR)
+    camera_target: Vector | None = like("camera_target", allowed=A_VECTOR)
     quality: int = like("quality")
 
 

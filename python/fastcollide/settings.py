@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, get_args
 
+from fastcollide.cameras import CAMERA_NAMES, DEFAULT_ORBIT_PERIOD, Bounds, Camera, Orbit
 from fastcollide.colormaps import COLOR_MAPS
 from fastcollide.parameters import (
     Choice,
@@ -79,7 +80,36 @@ class PictureSettings:
         ),
     )
     color_map: str = field(default="ember", metadata=_about(Choice(COLOR_MAPS), "Which colours."))
-    camera: str = field(default="auto", metadata=_about(Choice(("auto", "front", "top")), "Where to look from."))
+    camera: str = field(
+        default="auto",
+        metadata=_about(Choice(CAMERA_NAMES), "Where to look from; orbit goes round the box."),
+    )
+    orbit_period: float = field(
+        default=DEFAULT_ORBIT_PERIOD,
+        metadata=_about(
+            Real(0, 1_000_000, without_minimum=True), "Time in which the camera orbit goes round once.", unit="s"
+        ),
+    )
+    camera_position: tuple[float, float, float] | None = field(
+        default=None,
+        metadata=_about(
+            Real(-1e6, 1e6),
+            "Look from this place instead.",
+            unit="m",
+            value_names=("X", "Y", "Z"),
+            unset="as camera says",
+        ),
+    )
+    camera_target: tuple[float, float, float] | None = field(
+        default=None,
+        metadata=_about(
+            Real(-1e6, 1e6),
+            "Where a camera with a position of its own looks.",
+            unit="m",
+            value_names=("X", "Y", "Z"),
+            unset="the middle of the box",
+        ),
+    )
     quality: int = field(
         default=75, metadata=_about(Whole(0, 100), "Quality of the video, from a small file to no loss to be seen.")
     )
@@ -89,6 +119,20 @@ class PictureSettings:
             parameter.check(getattr(self, name))
         if self.color_range is not None and self.color_range[0] >= self.color_range[1]:
             raise InvalidSetting("color_range", "{:g} {:g}".format(*self.color_range), "the lower value first")
+        if self.camera_position is not None and self.camera != "auto":
+            raise InvalidSetting("camera_position", f"one beside camera {self.camera}", "one of the two")
+        if self.camera_target is not None and self.camera_position is None:
+            raise InvalidSetting("camera_target", "one without camera-position", "both, or neither")
+        if self.camera_target is not None and self.camera_target == self.camera_position:
+            raise InvalidSetting("camera_target", "the camera's own position", "any other point")
+
+    def view(self, bounds: Bounds) -> str | Camera | Orbit:
+        """The camera for pictures of this box."""
+        if self.camera_position is None:
+            return Orbit(self.orbit_period) if self.camera == "orbit" else self.camera
+        target = self.camera_target or tuple((low + high) / 2 for low, high in zip(*bounds, strict=True))
+        is_above = target[:2] == self.camera_position[:2]
+        return Camera(self.camera_position, target, up=(0.0, 1.0, 0.0) if is_above else (0.0, 0.0, 1.0))
 
     @property
     def picture_files(self) -> dict[str, Path]:

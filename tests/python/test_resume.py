@@ -291,7 +291,7 @@ def test_the_folder_can_be_moved(kill_at, capsys, folder, monkeypatch):
     assert (folder / "there/end.png").is_file()
     assert (folder / "there/run/film.mp4").is_file()
     assert not (folder / "here").exists()
-    assert "made from the frame files" in capsys.readouterr().out
+    assert "made from the frames that were written" in capsys.readouterr().out
 
 
 def test_the_video_of_a_resumed_run_shows_all_frame_files(kill_at, capsys):

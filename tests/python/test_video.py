@@ -9,7 +9,8 @@ import fastcollide as fc
 import numpy as np
 import pytest
 from fastcollide.frames import FrameError, frame_path, write_frame
-from fastcollide.video import VideoError, VideoWriter, render_folder, write_still
+from fastcollide.render_frames import render_folder
+from fastcollide.video import VideoError, VideoWriter, write_still
 from PIL import Image
 
 av = pytest.importorskip("av", reason="the extra [video] is not installed")
