@@ -31,8 +31,8 @@ class Writer:
         self._path = path
         self._cast = cast
         lower, upper = (np.array(corner) for corner in cast.bounds)
-        self._middle = (lower + upper) / 2
-        self._edges = upper - lower
+        self._middle = ((lower + upper) / 2).astype(np.float32)
+        self._edges = (upper - lower).astype(np.float32)
         self._is_periodic = np.array([name == "periodic" for name in cast.boundary])
         with np.errstate(invalid="ignore"):
             moment = np.float32(0.4) * cast.masses * cast.radii**2  # of a solid sphere, 2/5 m r² [kg m²]
@@ -48,10 +48,10 @@ class Writer:
         file, cast = self._file, self._cast
         positions = snapshot.positions - self._middle
         box = self._box(positions)
-        centred = positions.astype(np.float32)
-        # Rounding may put a centre on the upper end, which is the lower one.
-        over = self._is_periodic & (centred >= (box / 2).astype(np.float32))
-        centred = np.where(over, (-box / 2).astype(np.float32), centred)
+        if self._is_periodic.any():
+            # Rounding may put a centre on the upper end, which is the lower one, or below that.
+            is_outside = self._is_periodic & ((positions >= box / 2) | (positions < -box / 2))
+            positions = np.where(is_outside, -box / 2, positions)
         file.write_chunk("configuration/step", np.array([snapshot.frame], np.uint64))
         file.write_chunk("configuration/box", np.array([*box, 0, 0, 0], np.float32))
         if file.nframes == 0:
@@ -61,9 +61,9 @@ class Writer:
             file.write_chunk("particles/diameter", 2 * cast.radii)
             file.write_chunk("particles/mass", cast.masses)
             file.write_chunk("particles/moment_inertia", np.repeat(self._moment[:, None], 3, axis=1))
-            file.write_chunk("log/box_middle", self._middle)
+            file.write_chunk("log/box_middle", self._middle.astype(float))
             file.write_chunk("log/is_periodic", self._is_periodic.astype(np.uint8))
-        file.write_chunk("particles/position", centred)
+        file.write_chunk("particles/position", positions)
         file.write_chunk("particles/velocity", snapshot.velocities)
         if snapshot.spins is not None:
             # A quaternion p with L = ½ q* p; spheres keep the orientation q = 1, so p is 2 L.
@@ -79,10 +79,12 @@ class Writer:
     def close(self) -> None:
         self._file.close()
 
-    def _box(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _box(self, positions: NDArray[np.float32]) -> NDArray[np.float32]:
         """Edges of a box about the origin: the bounds along a periodic axis, else at least these and all spheres."""
+        if self._is_periodic.all():
+            return self._edges
         reach = 2 * (np.abs(positions) + self._cast.radii[:, None]).max(axis=0)
-        grown = np.nextafter(reach.astype(np.float32), np.float32(np.inf)).astype(float)
+        grown = np.nextafter(reach, np.float32(np.inf))  # the sum has been rounded, maybe down
         return np.where(self._is_periodic | (reach <= self._edges), self._edges, grown)
 
 
