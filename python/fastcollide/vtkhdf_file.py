@@ -1,9 +1,9 @@
 """VTKHDF files, which ParaView and VTK read: the spheres as points with time.
 
-A kill must leave such a file readable, which HDF5 does not promise where its own tables change. So they do not: all
-arrays get their place in the file when the first frame is written, for all frames that will come (the file is sparse:
-it takes on the disk what has been written), and a frame is numbers in their places and then, in this order, the number
-of steps and the length of their list of times. Readers take no more steps than that number says.
+A kill must leave such a file readable, which HDF5 does not promise where its own tables change. So while frames are
+written they do not: all arrays get their place in the file together with the first frame, for all frames that will come
+(the file is sparse: it takes on the disk what has been written). A step that is not yet reached has no points. A frame
+is numbers in their places and then, at once, one number: how many points and cells its step has.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ class Writer:
         if keep:
             self._open()
             self._check_room()
-            self._shorten()
+            self._set_steps(len(self._frames))
+            self._counts[keep:] = 0  # before anything of them is written over
+            self._file.flush()
         else:
             path.unlink(missing_ok=True)  # the first frame makes it
 
@@ -55,17 +57,21 @@ class Writer:
         else:
             self._put(self._root, snapshot)
             self._file.flush()
-            self._lengthen(snapshot.time)
+            self._counts[self._steps] = len(self._cast)
+            self._file.flush()
         self._steps += 1
         return self._path
 
     def close(self) -> None:
         if self._file is not None:
+            if self._steps < len(self._frames):  # stopped early
+                self._set_steps(self._steps)
             self._file.close()
 
     def _open(self) -> None:
         self._file = h5py.File(self._path, "r+", locking=False)  # so that it can be read while it grows
         self._root = self._file["VTKHDF"]
+        self._counts = self._root["NumberOfPoints"]
 
     def _moving(self, snapshot: Snapshot) -> dict[str, NDArray[np.float32]]:
         """The arrays that differ from frame to frame, by their place in the file."""
@@ -78,10 +84,14 @@ class Writer:
         root.attrs["Version"] = np.array(_VERSION)
         root.attrs["Type"] = np.bytes_("PolyData")
         root.attrs["Application"] = np.bytes_(_APPLICATION)
-        root["NumberOfPoints"] = np.full(steps, count)
+        counts = np.zeros(steps, np.int64)
+        counts[0] = count
+        root["NumberOfPoints"] = counts
         # A point is seen where a cell, a vertex, holds it. Each kind of cells must be there.
         for kind, cells in (("Vertices", count), ("Lines", 0), ("Polygons", 0), ("Strips", 0)):
-            root[f"{kind}/NumberOfCells"] = root[f"{kind}/NumberOfConnectivityIds"] = np.full(steps, cells)
+            # One array under three names, so that points and cells of a step appear at once.
+            numbers = root["NumberOfPoints"] if cells else np.zeros(steps, np.int64)
+            root[f"{kind}/NumberOfCells"] = root[f"{kind}/NumberOfConnectivityIds"] = numbers
             root[f"{kind}/Offsets"], root[f"{kind}/Connectivity"] = np.arange(cells + 1), np.arange(cells)
         resting = {"radius": self._cast.radii, "mass": self._cast.masses, "id": np.arange(count, dtype=np.int32)}
         for name, array in resting.items():
@@ -100,29 +110,32 @@ class Writer:
         about["PartOffsets"], about["NumberOfParts"] = np.arange(steps), np.ones(steps, np.int64)
         about["PointOffsets"] = count * np.arange(steps)
         about["CellOffsets"] = about["ConnectivityIdOffsets"] = np.zeros((steps, 4), np.int64)
+        about.attrs["NSteps"] = np.int64(steps)
+        # Of steps that are not yet reached: as far as one can know.
+        expected = np.array(self._frames) * (snapshot.time / snapshot.frame)
+        about.create_dataset("Values", data=expected, maxshape=(steps,), chunks=(steps,))
         self._put(root, snapshot)
-        about.attrs["NSteps"] = np.int64(1)
-        about.create_dataset("Values", data=[snapshot.time], maxshape=(steps,), chunks=(steps,))
 
     def _put(self, root: h5py.Group, snapshot: Snapshot) -> None:
         first = self._steps * len(self._cast)
         for name, array in self._moving(snapshot).items():
             root[name][first : first + len(self._cast)] = array
+        root["Steps/Values"][self._steps] = snapshot.time
 
-    def _lengthen(self, time: float) -> None:
-        # In this order: VTK makes room for as many times as there are steps, and then reads all times.
-        self._root["Steps"].attrs.modify("NSteps", np.int64(self._steps + 1))
+    def _set_steps(self, steps: int) -> None:
+        """How many steps readers are shown. They must never find more times than steps: VTK would write them behind the
+        end of its memory."""
+        attributes, times = self._root["Steps"].attrs, self._root["Steps/Values"]
+        if len(times) > steps:
+            times.resize((steps,))
+            self._file.flush()
+        attributes.modify("NSteps", np.int64(steps))
         self._file.flush()
-        times = self._root["Steps/Values"]
-        times.resize((self._steps + 1,))
-        times[self._steps] = time
-        self._file.flush()
-
-    def _shorten(self) -> None:
-        self._root["Steps/Values"].resize((self._steps,))
-        self._file.flush()
-        self._root["Steps"].attrs.modify("NSteps", np.int64(self._steps))
-        self._file.flush()
+        known = len(times)
+        if known < steps:
+            times.resize((steps,))
+            times[known:] = np.array(self._frames[known:steps]) * (times[0] / self._frames[0])
+            self._file.flush()
 
     def _check_room(self) -> None:
         found = self._root["Points"].shape[0], self._root["NumberOfPoints"].shape[0]
@@ -146,7 +159,7 @@ class Reader:
 
     def read(self, i: int) -> Frame:
         root = self._root
-        count = int(root["NumberOfPoints"][i])
+        count = len(root["PointData/radius"])
 
         def rows(name: str) -> NDArray[np.float32]:
             return root[name][i * count : (i + 1) * count]
@@ -176,7 +189,9 @@ def _open_to_read(path: Path) -> h5py.File:
     try:
         file = h5py.File(path, "r", locking=False)
     except OSError as error:
-        raise FrameError(f"{path}: found no HDF5 file ({error}); expected one of FastCollide") from None
+        raise FrameError(
+            f"{path}: found no HDF5 file that can be read ({error}); expected one of FastCollide"
+        ) from None
     if "VTKHDF" not in file or file["VTKHDF"].attrs.get("Application") != np.bytes_(_APPLICATION):
         file.close()
         raise FrameError(f"{path}: found an HDF5 file of another program; expected one of FastCollide")
@@ -184,4 +199,4 @@ def _open_to_read(path: Path) -> h5py.File:
 
 
 def _whole_frames(root: h5py.Group) -> int:
-    return min(int(root["Steps"].attrs["NSteps"]), len(root["Steps/Values"]))
+    return int(np.count_nonzero(root["NumberOfPoints"][: len(root["Steps/Values"])]))

@@ -394,11 +394,15 @@ def test_a_trajectory_goes_on(trajectory, kill_at, frame):
     assert not [*Path("moved").glob("*.part")]
 
 
-def test_a_frame_that_a_kill_has_cut_is_not_there(trajectory, kill_at):
+def test_a_frame_that_a_kill_has_cut_is_not_there(trajectory, kill_at, monkeypatch, folder):
     """The moments inside the writing of a frame that a kill in a test never meets."""
     assert cli.main([*RUN, *OFTEN, "--output", "straight", "--trajectory", f"straight/{trajectory}"]) == 0
     expected = frames_in(f"straight/{trajectory}")
+    if trajectory.endswith("vtkhdf"):  # a kill leaves no time to end the file
+        monkeypatch.setattr("fastcollide.vtkhdf_file.Writer.close", lambda self: self._file.close())
     kill_at(30, [*RUN, *OFTEN, "--output", "killed", "--trajectory", f"killed/{trajectory}"])
+    monkeypatch.undo()
+    monkeypatch.chdir(folder)
     path = Path("killed", trajectory)
     if trajectory.endswith("gsd"):
         import gsd.fl
@@ -412,7 +416,7 @@ def test_a_frame_that_a_kill_has_cut_is_not_there(trajectory, kill_at):
         import h5py
 
         with h5py.File(path, "r+") as file:
-            file["VTKHDF/Steps"].attrs.modify("NSteps", 11)
+            assert file["VTKHDF/Steps"].attrs["NSteps"] == 16
             file["VTKHDF/Points"][1200:1260] = 7
     path.with_name(path.name + ".part").write_bytes(b"half")
     assert frames_in(path) == expected[:10]
