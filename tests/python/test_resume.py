@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import fastcollide as fc
+import numpy as np
 import pytest
 from fastcollide import checkpoints as checkpoints_module
 from fastcollide import cli, run
@@ -423,6 +424,34 @@ def test_a_frame_that_a_kill_has_cut_is_not_there(trajectory, kill_at, monkeypat
     assert cli.main(["resume", "killed"]) == 0
     assert frames_in(path) == expected
     assert not [*Path("killed").glob("*.part")]
+
+
+def test_vtkhdf_steps_that_were_not_reached_have_no_points(kill_at, monkeypatch, folder):
+    h5py = pytest.importorskip("h5py")
+    run = [*RUN, *OFTEN, "--trajectory", "run.vtkhdf"]
+    close = "fastcollide.vtkhdf_file.Writer.close"
+
+    def steps():
+        with h5py.File("run.vtkhdf") as file:
+            root = file["VTKHDF"]
+            times, counts = root["Steps/Values"][:], root["NumberOfPoints"][:]
+            assert len(times) == root["Steps"].attrs["NSteps"]
+            assert times == pytest.approx(np.arange(3, 3 * len(times) + 1, 3) / 60)
+            for kind in ("NumberOfCells", "NumberOfConnectivityIds"):
+                assert (root[f"Vertices/{kind}"][:] == counts).all()
+                assert not root[f"Lines/{kind}"][:].any()
+            return counts[: len(times)].tolist()
+
+    kill_at(30, run)  # an error, which leaves time to end the file
+    assert steps() == [120] * 10
+    with monkeypatch.context() as patch:
+        patch.setattr(close, lambda self: self._file.close())
+        kill_at(30, run)
+        assert steps() == [120] * 10 + [0] * 6
+        kill_at(29, ["resume", "output"])
+        assert steps() == [120] * 9 + [0] * 7
+    assert cli.main(["resume", "output"]) == 0
+    assert steps() == [120] * 16
 
 
 def test_a_trajectory_that_lacks_frames_is_named_and_nothing_touched(trajectory, kill_at, capsys):
