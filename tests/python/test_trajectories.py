@@ -440,3 +440,19 @@ def test_no_more_than_a_few_frames_wait():
             taken.add(world)
             most = max(most, len(taken._pending))
     assert 1 <= most <= exports._WAITING
+
+
+@pytest.mark.parametrize("ending", ["gsd", "vtkhdf"])
+def test_times_are_those_of_the_world(ending):
+    """Frames of different lengths, which a loop of one's own can have."""
+    world = fc.World(device="cpu")
+    world.add(fc.random_spheres(10))
+    cast = cast_of(world)
+    expected = []
+    with Exports(cast, [open_writer(Path(f"run.{ending}"), cast, [1, 2, 3])]) as trajectory:
+        for dt in (0.01, 0.03, 0.02):
+            world.step(dt=dt)
+            trajectory.add(world)
+            expected.append(world.time)
+    with fc.open(f"run.{ending}") as run:
+        assert run.times.tolist() == expected
