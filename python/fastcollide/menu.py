@@ -85,4 +85,4 @@ def _render() -> int:
         default=PARAMETERS["output"].default_text,
         type=click.Path(exists=True, file_okay=False, path_type=Path),
     )
-    return render_and_report(folder, None, PictureSettings(video=ask(PARAMETERS["video"])))
+    return render_and_report([folder], None, PictureSettings(video=ask(PARAMETERS["video"])))

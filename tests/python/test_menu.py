@@ -101,7 +101,7 @@ def test_own_parameters_show_range_and_default_and_ask_again(menu, tmp_path):
 
     assert ended(menu) == 0
     names = sorted(path.name for path in tmp_path.rglob("*"))
-    assert names == ["frame_00000003.txt", "frame_00000006.txt", "ledger.csv", "moon"]
+    assert names == ["frame_00000003.txt", "frame_00000006.txt", "ledger.csv", "moon", "run.json"]
 
 
 def test_all_parameters_with_answers_that_contradict(menu, tmp_path):
