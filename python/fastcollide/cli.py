@@ -174,6 +174,28 @@ def render(folder: Path, bounds: Any, **values: Any) -> int:
 
 
 @commands.command()
+@click.argument("source", required=False, metavar="[SCENE|FOLDER]", type=click.Path(exists=True, path_type=Path))
+@_set_option
+@_options({name: PARAMETERS[name] for name in ("device", "threads")} | {"bounds": RENDER_PARAMETERS["bounds"]})
+@click.option(
+    "--host", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Listen on; 0.0.0.0 is all of a network."
+)
+@click.option(
+    "--port", default=8321, show_default=True, type=click.IntRange(0, 65535), help="Port; 0 takes one that is free."
+)
+@click.option("--no-browser", is_flag=True, help="Only show the address; open no browser.")
+def view(source: Path | None, host: str, port: int, no_browser: bool, **values: Any) -> int:
+    """Watch and steer spheres in a web browser: those of SCENE, as they are simulated, or a finished run in FOLDER.
+
+    Without either: the spheres of the quick demo. Ends at Ctrl-C.
+    """
+    from fastcollide.view.program import run_to_view, view_and_report
+
+    run = run_to_view(source, **_given(values))
+    return view_and_report(run, host, port, opens_browser=not no_browser)
+
+
+@commands.command()
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @_options({name: PARAMETERS[name] for name in ("device", "threads")})
 def resume(folder: Path, device: str | None, threads: int | None) -> int:
