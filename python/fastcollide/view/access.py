@@ -56,8 +56,10 @@ def is_loopback(host: str) -> bool:
 
 
 def _hostname(host: str | None) -> str | None:
+    if host is None or set(host) & set("/?#@\\"):  # more than a name and a port
+        return None
     try:
-        return urlsplit(f"//{host}").hostname if host else None
+        return urlsplit(f"//{host}").hostname
     except ValueError:  # brackets without an address
         return None
 

@@ -117,8 +117,8 @@ class Thinned(Generic[T]):
         self._items.append(make())
         while len(self._items) > self._most:
             self._stride *= 2
-            newest = len(self._items) - 1
-            kept = [i for i, frame in enumerate(self._frames) if i == newest or not self.is_loose(frame)]
+            stays = len(self._items) - 1 if is_newest_kept else None
+            kept = [i for i, frame in enumerate(self._frames) if i == stays or not self.is_loose(frame)]
             self._frames = [self._frames[i] for i in kept]
             self._items = [self._items[i] for i in kept]
             self.version += 1

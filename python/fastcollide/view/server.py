@@ -74,6 +74,7 @@ class ViewServer:
         self.access = access
         self._files = page_files()
         self._browsers: set[_Browser] = set()
+        self._cookie = ""
 
     async def run(self, host: str, port: int, is_ready: Callable[[int], None], stop: asyncio.Event) -> None:
         """Serves until `stop` is set.
@@ -96,16 +97,16 @@ class ViewServer:
         app.router.add_get("/{name:.*}", self._file)
         runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
         await runner.setup()
+        self.player.on_change = tell_all_from_player
+        self.player.start()
         try:
-            site = web.TCPSite(runner, host, port)
             try:
-                await site.start()
+                await web.TCPSite(runner, host, port).start()
             except OSError as error:
                 raise _cannot_listen(host, port, error) from None
-            self.player.on_change = tell_all_from_player
-            self.player.start()
-            self.cookie = f"fastcollide-{runner.addresses[0][1]}"
-            is_ready(runner.addresses[0][1])
+            real_port = runner.addresses[0][1]
+            self._cookie = f"fastcollide-{real_port}"  # cookies are those of a name, whatever the port
+            is_ready(real_port)
             await stop.wait()
         finally:
             for browser in list(self._browsers):
@@ -134,9 +135,9 @@ class ViewServer:
         if self.access.allows_token(given):
             if request.path == "/":  # from here on the cookie has it, and the address bar has not
                 to_page = web.HTTPSeeOther("/")
-                to_page.set_cookie(self.cookie, self.access.token, httponly=True, samesite="Strict", path="/")
+                to_page.set_cookie(self._cookie, self.access.token, httponly=True, samesite="Strict", path="/")
                 raise to_page
-        elif not self.access.allows_token(request.cookies.get(self.cookie)):
+        elif not self.access.allows_token(request.cookies.get(self._cookie)):
             raise web.HTTPForbidden(text="No or another token: open the address that fastcollide shows.\n")
         response = await handler(request)
         return response

@@ -72,6 +72,7 @@ function showTime() {
   line.max = picture.moments - 1;
   if (!line.matches(":active")) line.value = picture.index;
   plot.time = picture.time;
+  if (!document.body.classList.contains("playing")) plot.draw(); // else as often as its rows come
 }
 
 // --- From the server ---
