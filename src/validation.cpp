@@ -127,9 +127,7 @@ void check_spheres(const Spheres& spheres, const WorldOptions& options) {
   }
 }
 
-void check_restitution(float restitution) {
-  require(between(restitution, 0, 1), "restitution", restitution, "0 to 1");
-}
+void check_restitution(float restitution) { require(between(restitution, 0, 1), "restitution", restitution, "0 to 1"); }
 
 void check_friction(float friction, const WorldOptions& options) {
   require(between(friction, 0, largest_friction), "friction", friction, "0 to 1e6");

@@ -30,35 +30,35 @@ def processor_seconds(process: int) -> float:
 
 async def watch(address: str, process: int, seconds: float, color: str) -> dict[str, float]:
     """Takes pictures for so long, after one second to get going."""
-    async with aiohttp.ClientSession() as session:
-        async with session.ws_connect(address.replace("/?", "/socket?"), max_msg_size=0) as socket:
-            await socket.send_json({"type": "color", "by": color})
-            pictures = bytes_taken = 0
-            first_frame = last_frame = spheres = 0
-            started, used = None, 0.0
-            begin = time.perf_counter() + 1.0
-            async for message in socket:
-                now = time.perf_counter()
-                if message.type != aiohttp.WSMsgType.BINARY:
-                    continue
-                await socket.send_json({"type": "ack"})
-                _, last_frame, _, _, spheres, _, _ = HEADER.unpack_from(message.data)
-                if started is None:
-                    if now >= begin:
-                        started, used, first_frame = now, processor_seconds(process), last_frame
-                    continue
-                pictures += 1
-                bytes_taken += len(message.data)
-                if now - started >= seconds:
-                    break
-            length = now - started
-            return {
-                "spheres": spheres,
-                "pictures/s": pictures / length,
-                "MB/s": bytes_taken / length / 1e6,
-                "simulated frames/s": (last_frame - first_frame) / length,
-                "busy cores of the server": (processor_seconds(process) - used) / length,
-            }
+    address = address.replace("/?", "/socket?")
+    async with aiohttp.ClientSession() as session, session.ws_connect(address, max_msg_size=0) as socket:
+        await socket.send_json({"type": "color", "by": color})
+        pictures = bytes_taken = 0
+        first_frame = last_frame = spheres = 0
+        started, used = None, 0.0
+        begin = time.perf_counter() + 1.0
+        async for message in socket:
+            now = time.perf_counter()
+            if message.type != aiohttp.WSMsgType.BINARY:
+                continue
+            await socket.send_json({"type": "ack"})
+            _, last_frame, _, _, spheres, _, _ = HEADER.unpack_from(message.data)
+            if started is None:
+                if now >= begin:
+                    started, used, first_frame = now, processor_seconds(process), last_frame
+                continue
+            pictures += 1
+            bytes_taken += len(message.data)
+            if now - started >= seconds:
+                break
+        length = now - started
+        return {
+            "spheres": spheres,
+            "pictures/s": pictures / length,
+            "MB/s": bytes_taken / length / 1e6,
+            "simulated frames/s": (last_frame - first_frame) / length,
+            "busy cores of the server": (processor_seconds(process) - used) / length,
+        }
 
 
 def main() -> None:

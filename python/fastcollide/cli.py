@@ -29,6 +29,7 @@ from fastcollide.positional import ORDER, is_positional, parse_positional
 from fastcollide.report_table import test_and_report
 from fastcollide.selftest import selftest as run_selftest
 from fastcollide.settings import PARAMETERS, QUICK_DEMO, RENDER_PARAMETERS, PictureSettings, RunSettings
+from fastcollide.view import HOST, PORT
 
 
 def _positional_usage() -> str:
@@ -178,14 +179,14 @@ def render(folder: Path, bounds: Any, **values: Any) -> int:
 @_set_option
 @_options({name: PARAMETERS[name] for name in ("device", "threads")} | {"bounds": RENDER_PARAMETERS["bounds"]})
 @click.option(
-    "--host", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Listen on; 0.0.0.0 is all of a network."
+    "--host", default=HOST, show_default=True, metavar="ADDRESS", help="Listen on; 0.0.0.0 is all of a network."
 )
 @click.option(
-    "--port", default=8321, show_default=True, type=click.IntRange(0, 65535), help="Port; 0 takes one that is free."
+    "--port", default=PORT, show_default=True, type=click.IntRange(0, 65535), help="Port; 0 takes one that is free."
 )
 @click.option("--no-browser", is_flag=True, help="Only show the address; open no browser.")
 def view(source: Path | None, host: str, port: int, no_browser: bool, **values: Any) -> int:
-    """Watch and steer spheres in a web browser: those of SCENE, as they are simulated, or a finished run in FOLDER.
+    """Watch spheres in a web browser: those of SCENE, as they are simulated and steered, or a finished run in FOLDER.
 
     Without either: the spheres of the quick demo. Ends at Ctrl-C.
     """

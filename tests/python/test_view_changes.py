@@ -87,7 +87,7 @@ def test_a_bad_value_is_refused_and_the_old_one_stays(device, name, value, messa
 
 def test_surfaces_out_of_range_are_refused(device):
     world = falling_world(device)
-    with pytest.raises(fc.InvalidValue, match="restitution: found 1.5; allowed: 0 to 1"):
+    with pytest.raises(fc.InvalidValue, match=r"restitution: found 1\.5; allowed: 0 to 1"):
         world.set_restitution(1.5)
     with pytest.raises(fc.InvalidValue, match="friction: found -1"):
         world.set_friction(-1)

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-
-pytest.importorskip("aiohttp")
 from fastcollide.view.messages import HEADER, MAGIC, InvalidMessage, pack_picture, read_message
 from fastcollide.view.moments import Box, Moment
 

@@ -28,9 +28,7 @@ def test_contacts_are_those_of_the_world(boundary):
     assert counts.max() > 1
     np.testing.assert_array_equal(moment.contact_counts, counts)
     for sphere in (0, int(counts.argmax()), 599):
-        touched = np.concatenate(
-            [contacts.second[contacts.first == sphere], contacts.first[contacts.second == sphere]]
-        )
+        touched = np.concatenate([contacts.second[contacts.first == sphere], contacts.first[contacts.second == sphere]])
         assert moment.touching(sphere) == sorted(touched.tolist())
 
 

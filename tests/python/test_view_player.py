@@ -198,9 +198,7 @@ def test_a_finished_run_is_its_files(folder, started):
             world.positions.tolist(),
         )
         assert run.energies[index] == (world.time, *world.energy())
-    assert "nothing of it can be changed" in done(
-        player, lambda: player.change(Conditions(type="change", drag=0.5))
-    )
+    assert "nothing of it can be changed" in done(player, lambda: player.change(Conditions(type="change", drag=0.5)))
 
 
 def test_a_finished_run_plays_to_its_end_and_again(folder, started):

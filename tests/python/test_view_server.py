@@ -4,15 +4,15 @@ import asyncio
 import json
 import socket
 
+import aiohttp
 import pytest
-
-aiohttp = pytest.importorskip("aiohttp")
 from fastcollide.errors import ViewError
 from fastcollide.view.access import Access
 from fastcollide.view.messages import HAS_RADII, HAS_VALUES, HEADER, LARGEST_MESSAGE
 from fastcollide.view.player import Player
 from fastcollide.view.server import MOST_BROWSERS, ViewServer, page_files
 from serve_view import live_run, serving
+from yarl import URL
 
 PATIENCE = 60  # seconds until a test gives up
 
@@ -37,8 +37,6 @@ def get(served, path, *, token=True, **headers):
     """Status, headers and body of an answer. The path goes out as it is."""
 
     async def work(session):
-        from yarl import URL
-
         query = f"?token={served.token}" if token is True else f"?token={token}" if token else ""
         url = URL(served.address + path + query, encoded=True)
         async with session.get(url, headers=headers, allow_redirects=False) as response:

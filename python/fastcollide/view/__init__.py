@@ -4,3 +4,6 @@ program: the command; server: HTTP and WebSocket; access: who may connect; messa
 player: the thread that simulates and plays; live, finished: the two kinds of run; moments: a run's past;
 page: what the browser loads.
 """
+
+HOST = "127.0.0.1"
+PORT = 8321

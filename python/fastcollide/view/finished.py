@@ -110,4 +110,3 @@ def _energies_of(folder: Path) -> Thinned[EnergyRow]:
         for frame, *row in zip(*columns, strict=True):
             rows.add(frame, lambda row=row: tuple(row))
     return rows
-

@@ -12,18 +12,25 @@ import webbrowser
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import tomlkit
 
 from fastcollide.console import EXIT_FINE, say
 from fastcollide.parameters import InvalidSetting
+from fastcollide.plots import MissingLibrary
 from fastcollide.run import create_world
 from fastcollide.settings import QUICK_DEMO
+from fastcollide.view import HOST, PORT
 from fastcollide.view.access import Access, is_loopback
 from fastcollide.view.finished import FinishedRun
 from fastcollide.view.live import LiveRun
 from fastcollide.view.player import Player, Run
-from fastcollide.view.server import ViewServer
+
+if TYPE_CHECKING:
+    from fastcollide.view.server import ViewServer
+
+INSTALL = 'pip install "fastcollide[view]"'
 
 
 def run_to_view(
@@ -58,11 +65,15 @@ def run_to_view(
     return LiveRun(scene.create_world, scene.source().title, scene.settings.fps)
 
 
-def view_and_report(run: Run, host: str, port: int, *, opens_browser: bool) -> int:
+def view_and_report(run: Run, host: str = HOST, port: int = PORT, *, opens_browser: bool = True) -> int:
     """Serves a run in front of a person, until Ctrl-C, and returns the exit code.
 
-    Raises ViewError where the server cannot listen on host and port.
+    Raises ViewError where the server cannot listen on host and port, MissingLibrary where there is no aiohttp.
     """
+    try:
+        from fastcollide.view.server import ViewServer
+    except ImportError:
+        raise MissingLibrary(f"the live page needs aiohttp, which is not installed; get it with: {INSTALL}") from None
     access = Access(host)
     server = ViewServer(Player(run), access)
 
@@ -108,4 +119,3 @@ def _has_screen() -> bool:
     if sys.platform in ("win32", "darwin"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
