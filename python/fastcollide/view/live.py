@@ -77,14 +77,14 @@ class LiveRun:
     def conditions(self) -> dict[str, Any]:
         """What can be changed while it runs, with its present value; None where each sphere has its own."""
         world = self.world
-        return {
+        found = {
             "gravity": world.gravity,
             "drag": world.drag,
             "restitution": self._restitution,
             "floor_restitution": world.floor_restitution,
-            "friction": self._friction,
             "wall_friction": world.wall_friction,
         }
+        return found if world.solver == "reference" else found | {"friction": self._friction}
 
     def change(self, conditions: Conditions) -> None:
         """Changes conditions of the present. Raises InvalidValue, and those before it in the list are changed."""

@@ -18,9 +18,32 @@ export class Connection {
       }
     });
     this.socket.addEventListener("close", () => on.lost());
+    this.waiting = null;
   }
 
   send(type, content = {}) {
+    this.#sendWaiting();
+    this.#sendNow(type, content);
+  }
+
+  // For what comes faster than pictures do, from a slider that moves: with the next picture, or before the next message.
+  sendSoon(type, content) {
+    if (this.waiting?.type !== type) {
+      this.#sendWaiting();
+      this.waiting = { type, content: {} };
+      requestAnimationFrame(() => this.#sendWaiting());
+    }
+    Object.assign(this.waiting.content, content);
+  }
+
+  #sendWaiting() {
+    if (!this.waiting) return;
+    const { type, content } = this.waiting;
+    this.waiting = null;
+    this.#sendNow(type, content);
+  }
+
+  #sendNow(type, content) {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify({ type, ...content }));
   }
 }

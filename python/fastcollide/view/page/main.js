@@ -117,6 +117,7 @@ const connection = new Connection({
   },
   error(message) {
     note(message.message);
+    sliders.showAgain();
   },
   lost() {
     note("The connection has ended. Start the program again, then open the address that it shows.");
@@ -127,20 +128,10 @@ const connection = new Connection({
 
 // --- To the server ---
 
-const sliders = new Sliders((conditions) => connection.send("change", conditions));
+const sliders = new Sliders((conditions) => connection.sendSoon("change", conditions));
 const order = (type) => () => connection.send(type);
 const playOrPause = () => connection.send(document.body.classList.contains("playing") ? "pause" : "play");
-let sought = null;
-
-function seek(index) {
-  if (sought === null) {
-    requestAnimationFrame(() => {
-      connection.send("seek", { index: sought });
-      sought = null;
-    });
-  }
-  sought = index;
-}
+const seek = (index) => connection.sendSoon("seek", { index });
 
 function select(id) {
   selected = id;

@@ -10,25 +10,22 @@ const DATA = [
 ];
 
 export class Sliders {
-  // change(conditions): called at once while a slider moves, but not more than once a picture.
+  // change(conditions): called whenever a slider moves.
   constructor(change) {
     this.inputs = [...document.querySelectorAll("#conditions input")];
     this.gravity = [0, 0, 0];
-    let waiting = null;
+    this.conditions = {};
     for (const input of this.inputs) {
       input.addEventListener("input", () => {
         const value = Number(input.value);
         this.#write(input, value);
-        waiting ??= (requestAnimationFrame(() => {
-          change(waiting);
-          waiting = null;
-        }), {});
-        waiting[input.id] = input.id === "gravity" ? [this.gravity[0], this.gravity[1], value] : value;
+        change({ [input.id]: input.id === "gravity" ? [this.gravity[0], this.gravity[1], value] : value });
       });
     }
   }
 
   show(conditions) {
+    this.conditions = conditions;
     $("conditions").hidden = !Object.keys(conditions).length;
     if (conditions.gravity) this.gravity = conditions.gravity;
     for (const input of this.inputs) {
@@ -38,6 +35,11 @@ export class Sliders {
       if (value !== null) input.value = value;
       this.#write(input, value);
     }
+  }
+
+  // A change was refused: what holds is what held before.
+  showAgain() {
+    this.show(this.conditions);
   }
 
   #write(input, value) {
