@@ -216,7 +216,7 @@ def test_a_click_shows_the_sphere_that_was_clicked(open_page):
             )
             wait_until(lambda: page.locator("#sphere-data dd").count())
             position = page.locator("#sphere-data dd[data-name=position]").text_content()
-            assert position == ", ".join(f"{x:g}" for x in THREE[sphere]) + " m"
+            assert position == ", ".join(f"{x:g}" for x in THREE[sphere])
             assert page.locator("#sphere-data dd[data-name=contacts]").text_content() == "none"
         page.mouse.click(SCENE["x"] + 5, SCENE["y"] + 5)
         wait_until(lambda: page.locator("#sphere").is_hidden())

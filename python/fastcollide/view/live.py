@@ -32,6 +32,7 @@ class LiveRun:
         self.title = title
         self.fps = fps
         self._past_bytes = past_bytes
+        self.energies: Thinned[EnergyRow] = Thinned(MOST_ENERGIES)
         self.reset()
 
     def reset(self) -> None:
@@ -44,7 +45,7 @@ class LiveRun:
         self._read_surfaces()
         bytes_each = max(1, 24 * len(world))  # positions and velocities
         self._moments: Thinned[Moment] = Thinned(min(MOST_MOMENTS, self._past_bytes // bytes_each))
-        self.energies: Thinned[EnergyRow] = Thinned(MOST_ENERGIES)
+        self.energies.clear()
         self._remember()
 
     @property

@@ -253,9 +253,11 @@ class _Browser:
     # --- To the browser ---
 
     async def _tell_news(self) -> None:
+        status = self._player.status
         while True:
             with suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(self.news.wait(), SECONDS_BETWEEN_NEWS)
+                # While it plays, what was held back is told in its turn.
+                await asyncio.wait_for(self.news.wait(), SECONDS_BETWEEN_NEWS if status.is_playing else None)
             self.news.clear()
             shown, status = self._player.shown, self._player.status
             try:

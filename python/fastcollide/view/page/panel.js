@@ -63,22 +63,21 @@ export function showLegend(colors, colorBy, range) {
 
 export function showSphere(sphere) {
   $("sphere-name").textContent = `Sphere ${sphere.id}`;
-  const rows = DATA.filter(([name]) => sphere[name] !== undefined).map(([name, unit]) => [name, words(sphere[name], unit)]);
+  const rows = DATA.filter(([name]) => sphere[name] !== undefined).map(([name, unit]) => [name, unit, words(sphere[name])]);
   const ids = sphere.contacts;
-  rows.push(["contacts", ids.length ? `${ids.length}: ${ids.slice(0, 12).join(", ")}${ids.length > 12 ? ", …" : ""}` : "none"]);
-  $("sphere-data").replaceChildren(...rows.flatMap(([name, text]) => {
+  rows.push(["contacts", "", ids.length ? `${ids.length}: ${ids.slice(0, 12).join(", ")}${ids.length > 12 ? ", …" : ""}` : "none"]);
+  $("sphere-data").replaceChildren(...rows.flatMap(([name, unit, text]) => {
     const [label, value] = [document.createElement("dt"), document.createElement("dd")];
-    label.textContent = name;
+    label.textContent = unit ? `${name} (${unit})` : name;
     value.textContent = text;
     value.dataset.name = name;
     return [label, value];
   }));
 }
 
-function words(value, unit) {
+function words(value) {
   if (typeof value === "string") return value;
-  const text = Array.isArray(value) ? value.map(short).join(", ") : short(value);
-  return unit ? `${text} ${unit}` : text;
+  return Array.isArray(value) ? value.map((component) => Number(component.toFixed(3))).join(", ") : short(value);
 }
 
 function short(value) {
