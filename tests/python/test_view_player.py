@@ -10,7 +10,7 @@ from fastcollide.ledger import LedgerWriter
 from fastcollide.view.finished import FinishedRun
 from fastcollide.view.live import LiveRun
 from fastcollide.view.messages import Conditions
-from fastcollide.view.player import Player
+from fastcollide.view.player import MOST_ORDERS, Player
 from serve_view import live_run
 
 PATIENCE = 60  # seconds until a test gives up
@@ -162,6 +162,19 @@ def test_an_error_in_an_order_ends_nothing(started, capfd):
     assert done(player, lambda: 1 / 0) == "division by zero"
     assert done(player, player.step) is None
     assert player.shown.moment.frame == 1
+
+
+def test_too_many_orders_are_refused(started):
+    player = started(live_run())
+    goes_on, complaints = threading.Event(), []
+    player.order(goes_on.wait)
+    for _ in range(MOST_ORDERS + 10):
+        player.order(player.wake, complaints.append)
+    goes_on.set()
+
+    assert 10 <= len(complaints) <= 11  # the first order may have been taken already
+    assert "found 256 that wait already" in complaints[0]
+    assert done(player, player.step) is None
 
 
 def test_the_past_of_a_live_run_is_bounded():

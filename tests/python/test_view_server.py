@@ -5,9 +5,12 @@ import json
 import socket
 
 import aiohttp
+import fastcollide as fc
+import numpy as np
 import pytest
 from fastcollide.errors import ViewError
 from fastcollide.view.access import Access
+from fastcollide.view.live import LiveRun
 from fastcollide.view.messages import HAS_RADII, HAS_VALUES, HEADER, LARGEST_MESSAGE
 from fastcollide.view.player import Player
 from fastcollide.view.server import MOST_BROWSERS, ViewServer, page_files
@@ -252,6 +255,27 @@ def test_a_sphere_is_told_of():
     contacts = world.contacts()
     touched = [*contacts.second[contacts.first == 7], *contacts.first[contacts.second == 7]]
     assert sphere["contacts"] == sorted(touched)
+
+
+def test_a_sphere_that_turns_and_one_that_is_fixed():
+    def create():
+        world = fc.World(device="cpu", gravity=(0, 0, 0))
+        spin = [(0, 0, 0), (1, 2, 3)]
+        world.add(position=[(0, 0, 5), (3, 0, 5)], radius=0.5, mass=[np.inf, 1.0], spin=spin, friction=0.25)
+        return world
+
+    with serving(LiveRun(create, "Two", fps=60)) as served:
+
+        async def work(browser):
+            told = []
+            for sphere in (0, 1):
+                await browser.send(type="select", id=sphere)
+                told.append(await browser.receive("sphere", lambda told, sphere=sphere: told["id"] == sphere))
+            return told
+
+        fixed, turning = watching(served, work)
+    assert (fixed["mass"], fixed["spin"]) == ("fixed", [0, 0, 0])
+    assert (turning["mass"], turning["spin"], turning["friction"]) == (1, [1, 2, 3], 0.25)
 
 
 def test_a_browser_that_does_not_draw_gets_two_pictures_and_no_more():

@@ -24,7 +24,7 @@ class Access:
         self._takes_any_address = host in _ANY
         self._names = {"localhost", "127.0.0.1", "::1", host.lower()} - {""}
         if self._takes_any_address:
-            self._names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
+            self._names.add(socket.gethostname().lower())
 
     def allows_host(self, host: str | None) -> bool:
         """Whether a request came for a name of this server.

@@ -13,7 +13,7 @@ from fastcollide.frames import Frame, FrameError, frame_paths, read_frame
 from fastcollide.ledger import LEDGER_NAME, read_ledger
 from fastcollide.render import Bounds
 from fastcollide.video import bounds_of_frames
-from fastcollide.view.live import PAST_BYTES, EnergyRow
+from fastcollide.view.live import MOST_ENERGIES, PAST_BYTES, EnergyRow
 from fastcollide.view.messages import Conditions
 from fastcollide.view.moments import Box, Moment, Thinned
 
@@ -103,7 +103,7 @@ class FinishedRun:
 
 
 def _energies_of(folder: Path) -> Thinned[EnergyRow]:
-    rows: Thinned[EnergyRow] = Thinned(2**31)
+    rows: Thinned[EnergyRow] = Thinned(MOST_ENERGIES)
     if (folder / LEDGER_NAME).exists():
         ledger = read_ledger(folder)
         columns = (ledger[name].tolist() for name in ("frame", "time_s", "kinetic_J", "rotational_J", "potential_J"))

@@ -43,7 +43,7 @@ class LiveRun:
         self._radii = np.array(fc.to_numpy(world.radii))
         self._masses = fc.to_numpy(world.masses).copy()
         self._read_surfaces()
-        bytes_each = max(1, 24 * len(world))  # positions and velocities
+        bytes_each = max(1, (36 if world.has_spin else 24) * len(world))
         self._moments: Thinned[Moment] = Thinned(min(MOST_MOMENTS, self._past_bytes // bytes_each))
         self.energies.clear()
         self._remember()
@@ -102,14 +102,13 @@ class LiveRun:
     def sphere(self, sphere: int, moment: Moment) -> dict[str, Any]:
         """What is known of one sphere beside its place and motion."""
         mass = float(self._masses[sphere])
-        found = {
+        frictions = self._frictions
+        found: dict[str, Any] = {
             "mass": mass if np.isfinite(mass) else "fixed",
             "restitution": float(self._restitutions[sphere]),
-            "friction": float(self._frictions[sphere]) if self._frictions is not None else 0.0,
+            "friction": float(frictions[sphere]) if frictions is not None else 0.0,
         }
-        if self.world.has_spin and moment.frame == self.world.frame:
-            found["spin"] = fc.to_numpy(self.world.spins)[sphere].tolist()
-        return found
+        return found if moment.spins is None else found | {"spin": moment.spins[sphere].tolist()}
 
     def _read_surfaces(self) -> None:
         self._restitutions = fc.to_numpy(self.world.restitutions).copy()
@@ -128,6 +127,7 @@ class LiveRun:
                 fc.to_numpy(world.positions).copy(),
                 fc.to_numpy(world.velocities).copy(),
                 self._radii,
+                fc.to_numpy(world.spins).copy() if world.has_spin else None,
             ),
         )
         self.energies.add(world.frame, lambda: (world.time, *world.energy()), is_newest_kept=False)

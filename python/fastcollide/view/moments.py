@@ -29,7 +29,8 @@ class Box:
 class Moment:
     """The spheres after a frame; nobody changes its arrays.
 
-    time [s]; positions [m] and velocities [m/s], shape (n, 3) float32; radii [m], shape (n,) float32.
+    time [s]; positions [m] and velocities [m/s], shape (n, 3) float32; radii [m], shape (n,) float32; spins [rad/s],
+    shape (n, 3) float32, or None where there are none.
     """
 
     frame: int
@@ -38,6 +39,7 @@ class Moment:
     positions: NDArray[np.float32]
     velocities: NDArray[np.float32]
     radii: NDArray[np.float32]
+    spins: NDArray[np.float32] | None = None
 
     def __len__(self) -> int:
         return len(self.radii)

@@ -15,6 +15,7 @@ from fastcollide.view.live import EnergyRow
 from fastcollide.view.messages import Conditions
 from fastcollide.view.moments import Box, Moment, Thinned
 
+MOST_ORDERS = 256
 _PICTURE_SECONDS = 1 / 62  # no more pictures than a screen shows
 _LATEST_START = 0.25  # a run that is behind by more than this many seconds does not hurry to make up for it
 
@@ -96,8 +97,12 @@ class Player:
         self._thread.join(timeout=10)
 
     def order(self, action: Callable[[], None], on_error: Callable[[str], None] = lambda message: None) -> None:
-        """Has the thread call one of the methods below. on_error: called there with a message where it fails."""
-        self._orders.put((action, on_error))
+        """Has the thread call one of the methods below. on_error: called with a message where it fails, there, or here
+        where too many orders wait already."""
+        if self._orders.qsize() >= MOST_ORDERS:
+            on_error(f"orders: found {MOST_ORDERS} that wait already; allowed: fewer, so wait for these")
+        else:
+            self._orders.put((action, on_error))
 
     # --- What can be ordered ---
 

@@ -55,7 +55,8 @@ def run_to_view(
     if source is None:
         if overrides:
             raise InvalidSetting("set", "it without a scene", "after the name of a scene file")
-        settings = replace(QUICK_DEMO, device=device or "auto", threads=threads)
+        nothing = {"export_every": 0, "ledger_every": 0, "make_video": False}  # is written
+        settings = replace(QUICK_DEMO, device=device or "auto", threads=threads, **nothing)
         return LiveRun(lambda: create_world(settings), f"{settings.particles:,} spheres", settings.fps)
     from fastcollide.scene import load_scene
 

@@ -196,10 +196,11 @@ class _Browser:
         telling = asyncio.create_task(self._tell_news())
         try:
             async for message in self._socket:
+                # Who does not read complaints is not read any more either.
                 if message.type == WSMsgType.TEXT:
-                    self._take(message.data)
+                    await self._take(message.data)
                 elif message.type == WSMsgType.BINARY:
-                    self._complain("message: found bytes; allowed: JSON as text")
+                    await self._complain("message: found bytes; allowed: JSON as text")
         finally:
             telling.cancel()
             with suppress(asyncio.CancelledError, ConnectionError):
@@ -212,11 +213,11 @@ class _Browser:
 
     # --- From the browser ---
 
-    def _take(self, text: str) -> None:
+    async def _take(self, text: str) -> None:
         try:
             self._obey(read_message(text))
         except InvalidMessage as error:
-            self._complain(str(error))
+            await self._complain(str(error))
 
     def _obey(self, message: Message) -> None:
         player = self._player
@@ -244,11 +245,10 @@ class _Browser:
 
     def _complain_from_player(self, text: str) -> None:
         with suppress(RuntimeError):  # the loop has ended
-            self._loop.call_soon_threadsafe(self._complain, text)
+            asyncio.run_coroutine_threadsafe(self._complain(text), self._loop)
 
-    def _complain(self, text: str) -> None:
-        task = self._loop.create_task(self._send({"type": "error", "message": text}))
-        task.add_done_callback(lambda done: done.cancelled() or done.exception())
+    async def _complain(self, text: str) -> None:
+        await self._send({"type": "error", "message": text})
 
     # --- To the browser ---
 
@@ -270,7 +270,7 @@ class _Browser:
             except ConnectionError:
                 return
             except (ValueError, RuntimeError, MemoryError, OSError) as error:
-                self._complain(str(error))
+                await self._complain(str(error))
 
     async def _tell_status(self, status: Status, shown: Shown) -> None:
         if status.start != self._start:

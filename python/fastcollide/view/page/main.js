@@ -53,7 +53,9 @@ function draw(now) {
     countPictures(now);
   }
   if (!picture) return;
-  if (isFollowing && selected !== null) camera.target = [...picture.positions.subarray(3 * selected, 3 * selected + 3)];
+  if (isFollowing && selected < picture.positions.length / 3) {
+    camera.target = [...picture.positions.subarray(3 * selected, 3 * selected + 3)];
+  }
   camera.cssHeight = canvas.clientHeight;
   renderer.draw(camera);
   for (; undrawn; --undrawn) connection.send("ack");
