@@ -166,11 +166,12 @@ def test_an_error_in_an_order_ends_nothing(started, capfd):
 
 def test_too_many_orders_are_refused(started):
     player = started(live_run())
-    goes_on, complaints = threading.Event(), []
+    goes_on, obeyed, complaints = threading.Event(), [], []
     player.order(goes_on.wait)
     for _ in range(MOST_ORDERS + 10):
-        player.order(player.wake, complaints.append)
+        player.order(lambda: obeyed.append(1), complaints.append)
     goes_on.set()
+    wait_until(lambda: len(obeyed) + len(complaints) == MOST_ORDERS + 10)
 
     assert 10 <= len(complaints) <= 11  # the first order may have been taken already
     assert "found 256 that wait already" in complaints[0]
