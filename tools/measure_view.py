@@ -57,7 +57,7 @@ async def watch(address: str, process: int, seconds: float, color: str) -> dict[
             "pictures/s": pictures / length,
             "MB/s": bytes_taken / length / 1e6,
             "simulated frames/s": (last_frame - first_frame) / length,
-            "busy cores of the server": (processor_seconds(process) - used) / length,
+            "processor ms a picture": 1000 * (processor_seconds(process) - used) / pictures,
         }
 
 

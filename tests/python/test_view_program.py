@@ -8,11 +8,14 @@ import sys
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from fastcollide.frames import frame_path, write_frame
 from serve_view import live_run
 
+ROOT = Path(__file__).parent.parent.parent
+PAGE = (ROOT / "docs" / "view.md").read_text(encoding="utf-8")
 SCENE = """
 title = "Two"
 [[spheres]]
@@ -27,6 +30,16 @@ def scene(folder):
     path = folder / "two.toml"
     path.write_text(SCENE)
     return path
+
+
+@pytest.fixture
+def frames(folder):
+    """A folder with two frame files."""
+    world = live_run(20).world
+    for _ in range(2):
+        world.step(1)
+        write_frame(frame_path(folder, world.frame), world.frame, world.time, world.positions, world.radii)
+    return folder
 
 
 @contextmanager
@@ -59,13 +72,22 @@ def test_it_serves_until_it_is_told_to_end(scene, number):
         assert program.stderr.read() == ""
 
 
-def test_a_folder(folder):
-    world = live_run(20).world
-    for _ in range(2):
-        world.step(1)
-        write_frame(frame_path(folder, world.frame), world.frame, world.time, world.positions, world.radii)
-    with viewing(folder, "--port", 0) as (_, _, shown):
-        assert folder.name in shown
+def test_a_folder(frames):
+    with viewing(frames, "--port", 0) as (_, _, shown):
+        assert frames.name in shown
+
+
+@pytest.mark.parametrize("command", re.findall(r"^    fastcollide view (.+)$", PAGE, flags=re.MULTILINE))
+def test_the_commands_of_the_page_about_it(frames, command):
+    words = command.replace("scenes/", f"{ROOT}/scenes/").replace("FOLDER", str(frames)).split()
+    with viewing(*words, "--port", 0) as (program, _, _):
+        program.send_signal(signal.SIGINT)
+        assert program.wait(30) == 0
+
+
+@pytest.mark.parametrize("name", re.findall(r"(?:\]\(|src=\")([^)\"#]+)", PAGE))
+def test_what_the_page_about_it_shows_is_there(name):
+    assert (ROOT / "docs" / name).stat().st_size < 300_000
 
 
 def test_other_machines_are_warned_of(scene):

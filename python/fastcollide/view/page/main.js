@@ -144,6 +144,8 @@ function select(id) {
   else {
     $("sphere-name").textContent = `Sphere ${id}`;
     $("sphere-data").replaceChildren();
+    if ($("panel").hidden) showPanel(true);
+    $("panel").scrollTop = 0;
   }
   redraw();
 }
