@@ -91,19 +91,6 @@ def camera_for_box(
     return Camera(_triple(eye), _triple(target), _triple(up), field_of_view_degrees)
 
 
-def choose_color_range(color_by: ColorBy, values: NDArray[np.float32], bounds: Bounds) -> tuple[float, float]:
-    """The values at the two ends of the colours that suit these values, shape (n,), as Renderer chooses them."""
-    finite = values[np.isfinite(values)]
-    if color_by == "speed":
-        free_fall = math.sqrt(2 * STANDARD_GRAVITY * (bounds[1][2] - bounds[0][2]))
-        usual = float(np.percentile(finite, 95)) if len(finite) else 0.0
-        return 0.0, _rounded_up(max(free_fall, usual))
-    if not len(finite):
-        return 0.0, 1.0
-    low, high = float(finite.min()), float(finite.max())
-    return (low, high) if low < high else (low, low + 1.0)
-
-
 class Renderer:
     """Draws spheres in their box. Keeps its buffers, camera and colour range from picture to picture.
 
@@ -189,7 +176,7 @@ class Renderer:
             if array.shape != shape:
                 raise _invalid(name, f"an array of shape {array.shape}", f"shape {shape}")
         if self.color_range is None:
-            self.color_range = choose_color_range(self.color_by, values, self.bounds)
+            self.color_range = self.choose_color_range(values)
         camera, (lower, upper) = self.camera, self.bounds
         picture = self._native.draw(
             self.width,
@@ -220,6 +207,18 @@ class Renderer:
         self._color_bar.lay_over(picture)
         if title is not None or time is not None:
             _caption(self.width, self.height, title, time, count).lay_over(picture)
+
+    def choose_color_range(self, values: NDArray[np.float32]) -> tuple[float, float]:
+        """The range that a first picture with these values would choose, see color_range."""
+        finite = values[np.isfinite(values)]
+        if self.color_by == "speed":
+            free_fall = math.sqrt(2 * STANDARD_GRAVITY * (self.bounds[1][2] - self.bounds[0][2]))
+            usual = float(np.percentile(finite, 95)) if len(finite) else 0.0
+            return 0.0, _rounded_up(max(free_fall, usual))
+        if not len(finite):
+            return 0.0, 1.0
+        low, high = float(finite.min()), float(finite.max())
+        return (low, high) if low < high else (low, low + 1.0)
 
 
 # ---------------------------------------------------------------------------------------------------------------------

@@ -196,7 +196,7 @@ def render_folder(
     if not paths:
         raise FrameError(f"{Path(folder)}: found no frame file; allowed: a folder of frame_00000001.txt and so on")
     renderer = Renderer(
-        bounds or bounds_of_frames(paths),
+        bounds or _bounds_of(paths),
         width=width,
         height=height,
         supersampling=supersampling,
@@ -246,7 +246,7 @@ def _values(frame: Frame, neighbor: Frame, color_by: ColorBy) -> NDArray[np.floa
     return speeds
 
 
-def bounds_of_frames(paths: list[Path]) -> Bounds:
+def _bounds_of(paths: list[Path]) -> Bounds:
     """A box with round corners that holds the spheres of a few frames, the first and the last among them."""
     chosen = np.unique(np.linspace(0, len(paths) - 1, 6).round().astype(int))
     lower, upper = np.full(3, np.inf), np.full(3, -np.inf)

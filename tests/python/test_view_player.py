@@ -230,3 +230,9 @@ def test_a_damaged_frame_is_told_and_the_others_can_be_seen(folder, started):
     assert "frame_00000008.txt" in complaint
     assert done(player, lambda: player.seek(6)) is None
     assert player.shown.moment.frame == 14
+    done(player, lambda: player.seek(0))
+    done(player, player.play)
+    wait_until(lambda: not player.status.is_playing)
+    assert "frame_00000008.txt" in player.status.fault
+    assert done(player, lambda: player.seek(5)) is None
+    assert player.shown.moment.frame == 12

@@ -315,6 +315,7 @@ def test_all_who_watch_see_the_same():
                 one, two = Browser(one), Browser(two)
                 for browser in (one, two):
                     await browser.receive("picture")
+                await asyncio.sleep(0.5)  # the acknowledgements have come, and nothing is left to be told
                 await one.send(type="step")
                 await two.receive("picture", lambda picture: picture["frame"] == 1)
                 await one.receive("picture", lambda picture: picture["frame"] == 1)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fastcollide.frames import Frame, FrameError, frame_paths, read_frame
 from fastcollide.ledger import LEDGER_NAME, read_ledger
 from fastcollide.render import Bounds
-from fastcollide.video import bounds_of_frames
+from fastcollide.video import _bounds_of
 from fastcollide.view.live import MOST_ENERGIES, PAST_BYTES, EnergyRow
 from fastcollide.view.messages import Conditions
 from fastcollide.view.moments import Box, Moment, Thinned
@@ -21,10 +21,10 @@ from fastcollide.view.moments import Box, Moment, Thinned
 class FinishedRun:
     """The frame files of a folder, read when they are looked at, and the energies of its ledger.
 
-    bounds: the box [m]; None takes round numbers that hold the spheres, since frame files do not name it.
-    Velocities are the way of each sphere since the frame file before, over the time between the two; in the first one,
-    until the next. Raises FrameError where the folder holds no frame file or one that is not whole, LedgerError where
-    its ledger is none, OSError where one cannot be read.
+    bounds: the box [m]; None takes round numbers that hold the spheres, since frame files do not name it; past_bytes:
+    memory for frames that were read. Velocities are the way of each sphere since the frame file before, over the time
+    between the two; in the first one, until the next. Raises FrameError where the folder holds no frame file or one
+    that is not whole, LedgerError where its ledger is none, OSError where one cannot be read.
     """
 
     kind = "finished"
@@ -32,16 +32,14 @@ class FinishedRun:
     fps = 60
 
     def __init__(self, folder: Path, bounds: Bounds | None = None, past_bytes: int = PAST_BYTES) -> None:
-        self._folder = folder
         self._paths = frame_paths(folder)
         if not self._paths:
             raise FrameError(f"{folder}: found no frame file; allowed: a folder of frame_00000001.txt and so on")
         self.title = folder.resolve().name
-        self.box = Box(bounds or bounds_of_frames(self._paths), ("open",) * 3)
+        self.box = Box(bounds or _bounds_of(self._paths), ("open",) * 3)
         self._kept: OrderedDict[int, Frame] = OrderedDict()
         self._radii: NDArray[np.float32] | None = None
-        self._most_kept = 3
-        self._most_kept = max(3, past_bytes // max(1, 16 * len(self._frame(0).radii)))
+        self._past_bytes = past_bytes
         self.energies = _energies_of(folder)
 
     def __len__(self) -> int:
@@ -91,7 +89,8 @@ class FinishedRun:
             return self._kept[index]
         frame = read_frame(self._paths[index])
         self._kept[index] = frame
-        while len(self._kept) > self._most_kept:
+        most = max(3, self._past_bytes // max(1, 16 * len(frame.radii)))
+        while len(self._kept) > most:
             self._kept.popitem(last=False)
         return frame
 

@@ -124,8 +124,8 @@ class Player:
     def step(self) -> None:
         """One moment on; at the end of a live run, exactly one frame."""
         self._stand()
-        self._go_on()
-        self._show()
+        if (index := self._next()) is not None:
+            self._show(index)
         self._tell()
 
     def back(self) -> None:
@@ -135,8 +135,7 @@ class Player:
     def seek(self, index: int) -> None:
         """Shows the moment with this index, or the nearest one, and stands still."""
         self._stand()
-        self._index = min(max(index, 0), len(self.run) - 1)
-        self._show()
+        self._show(min(max(index, 0), len(self.run) - 1))
         self._tell()
 
     def set_speed(self, factor: float) -> None:
@@ -147,18 +146,16 @@ class Player:
     def reset(self) -> None:
         """Back to the start, playing or not as before."""
         self.run.reset()
-        self._index = 0
         self._due = time.monotonic()
         self._rate.clear()
-        self._show()
+        self._show(0)
         self._tell(start=self.status.start + 1, fault=None)
 
     def change(self, conditions: Conditions) -> None:
         """Changes the present, and shows it."""
         self.run.change(conditions)
         if self._index != len(self.run) - 1:
-            self._index = len(self.run) - 1
-            self._show()
+            self._show(len(self.run) - 1)
         self._tell()
 
     # --- The thread ---
@@ -187,38 +184,37 @@ class Player:
     def _move(self) -> None:
         try:
             before = self.run.time_of(self._index)
-            if not self._go_on():
-                self._show()
+            index = self._next()
+            if index is None:
+                self._show(self._index)
                 self._tell(is_playing=False)
                 return
-            length = self.run.time_of(self._index) - before
+            length = self.run.time_of(index) - before
+            self._index = index
+            now = time.monotonic()
+            self._due = max(self._due + length / self.status.speed, now - _LATEST_START)
+            if now - self._published >= _PICTURE_SECONDS:
+                self._show(index)
+            if (rate := self._rate.add(now, length)) is not None:
+                self._tell(rate=rate)
         except Exception as error:
-            self._show()
             self._tell(is_playing=False, fault=_message_of(error))
-            return
-        now = time.monotonic()
-        self._due = max(self._due + length / self.status.speed, now - _LATEST_START)
-        if now - self._published >= _PICTURE_SECONDS:
-            self._show()
-        if (rate := self._rate.add(now, length)) is not None:
-            self._tell(rate=rate)
 
-    def _go_on(self) -> bool:
-        """To the next moment, which a live run makes where there is none. False at the end."""
+    def _next(self) -> int | None:
+        """The index of the next moment, which a live run makes where there is none; None at the end."""
         if self._index + 1 < len(self.run):
-            self._index += 1
-            return True
-        has_more = self.run.advance()
-        self._index = len(self.run) - 1
-        return has_more
+            return self._index + 1
+        return len(self.run) - 1 if self.run.advance() else None
 
     def _stand(self) -> None:
         if self.status.is_playing:
             self._tell(is_playing=False)
 
-    def _show(self) -> None:
+    def _show(self, index: int) -> None:
+        moment = self.run.moment(index)
+        self._index = index
         self._published = time.monotonic()
-        self.shown = Shown(self.shown.number + 1, self.run.moment(self._index), self._index, len(self.run))
+        self.shown = Shown(self.shown.number + 1, moment, index, len(self.run))
         self.on_change()
 
     def _tell(self, **changes: Any) -> None:

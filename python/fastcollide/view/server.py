@@ -16,7 +16,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 import fastcollide as fc
 from fastcollide.colormaps import color_table
 from fastcollide.errors import ViewError
-from fastcollide.render import choose_color_range
+from fastcollide.render import Renderer
 from fastcollide.view.access import Access
 from fastcollide.view.messages import (
     LARGEST_MESSAGE,
@@ -139,8 +139,8 @@ class ViewServer:
                 raise to_page
         elif not self.access.allows_token(request.cookies.get(self._cookie)):
             raise web.HTTPForbidden(text="No or another token: open the address that fastcollide shows.\n")
-        response = await handler(request)
-        return response
+        answer: web.StreamResponse = await handler(request)
+        return answer
 
     async def _file(self, request: web.Request) -> web.Response:
         found = self._files.get(request.match_info["name"] or "index.html")
@@ -348,7 +348,7 @@ class _Browser:
 def _hello(player: Player, shown: Shown) -> dict[str, Any]:
     """What a browser must know before the first picture."""
     run, moment = player.run, shown.moment
-    ids = np.arange(len(moment), dtype=np.float32)
+    values = {"speed": moment.speeds, "radius": moment.radii, "id": np.arange(len(moment), dtype=np.float32)}
     return {
         "type": "hello",
         "version": fc.__version__,
@@ -360,11 +360,10 @@ def _hello(player: Player, shown: Shown) -> dict[str, Any]:
         "upper": run.box.bounds[1],
         "boundary": run.box.boundary,
         "fps": run.fps,
+        # As in pictures and videos, but for contacts: as many equal spheres can touch one.
         "ranges": {
-            "speed": choose_color_range("speed", moment.speeds, run.box.bounds),
-            "radius": choose_color_range("radius", moment.radii, run.box.bounds),
-            "id": choose_color_range("id", ids, run.box.bounds),
-            "contacts": (0.0, 12.0),  # as many equal spheres can touch one
+            **{name: Renderer(run.box.bounds, color_by=name).choose_color_range(values[name]) for name in values},
+            "contacts": (0.0, 12.0),
         },
         "colors": color_table("ember").ravel().tolist(),
     }
