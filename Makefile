@@ -18,11 +18,12 @@ settings = CUDA=$(FASTCOLLIDE_CUDA) for $(FASTCOLLIDE_CUDA_ARCHITECTURES), C++ c
 sources := CMakeLists.txt LICENSE README.md pyproject.toml tests/determinism/print_hash.cpp \
   $(shell find cmake include python src ! -path '*__pycache__*')
 
-.PHONY: help demo test validate bench lint sanitize clean always
+.PHONY: help demo test validate videos bench lint sanitize clean always
 help:
 	@echo "make demo      simulate 10,000 spheres for 5 s and make a video of them"
 	@echo "make test      run every test"
 	@echo "make validate  compare with the literature: gases, packings, a hopper (20 minutes on 2 cores; DEVICE=cuda)"
+	@echo "make videos    make a small video of each scene"
 	@echo "make bench     measure this machine"
 	@echo "make lint      format and check the sources"
 	@echo "make sanitize  run the engine under the address, undefined behaviour and thread sanitizers"
@@ -41,6 +42,9 @@ test: .venv/installed
 validate: .venv/installed
 	@pytest tests/validation --device $(or $(DEVICE),cpu); found=$$?; python tools/draw_validation.py && exit $$found
 
+videos: .venv/installed
+	@python tools/make_videos.py
+
 bench: .venv/installed
 	@fastcollide --test
 
@@ -54,7 +58,7 @@ sanitize: .venv/build-tools
 	done
 
 clean:
-	rm -rf .venv build demo video.mp4
+	rm -rf .venv build demo videos video.mp4
 
 # --- How .venv is made. Each file in it marks a step that is done. ---
 
@@ -82,7 +86,7 @@ clean:
 	@echo "== Building and installing fastcollide (about a minute)"
 	@SKBUILD_BUILD_DIR=build/package \
 	SKBUILD_CMAKE_DEFINE="FASTCOLLIDE_BUILD_TESTS=ON;FASTCOLLIDE_CUDA=$(FASTCOLLIDE_CUDA);FASTCOLLIDE_CUDA_ARCHITECTURES=$(subst ;, ,$(FASTCOLLIDE_CUDA_ARCHITECTURES))" \
-	  pip install --quiet --no-build-isolation ".[plot,video,view,test]"
+	  pip install --quiet --no-build-isolation ".[files,plot,video,view,test]"
 	@python -c 'import fastcollide; cuda = fastcollide.build_info().cuda; print("== Built", f"for CUDA {cuda}" if cuda else "without CUDA")'
 	@touch $@
 

@@ -16,7 +16,7 @@ from fastcollide.files import flush_file, flush_folder
 
 KEPT = 2  # should the newest be damaged, there is one more
 _FILE_NAME = re.compile(r"checkpoint_(\d{8})\.fcw")
-_UNFINISHED = re.compile(r"(checkpoint_\d{8}\.fcw|frame_\d{8}\.txt|ledger\.csv)\.part")
+_UNFINISHED = re.compile(r"(checkpoint_\d{8}\.fcw|frame_\d{8}\.txt|ledger\.csv|ledger\.parquet|run\.json)\.part")
 _FIRST_BYTES = b"PK\x03\x04"
 
 

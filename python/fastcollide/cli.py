@@ -24,7 +24,7 @@ from fastcollide.console import (
 )
 from fastcollide.info import print_info
 from fastcollide.menu import show_menu
-from fastcollide.parameters import ChoicePerAxis, Parameter, Switch
+from fastcollide.parameters import ChoicePerAxis, Parameter, Several, Switch
 from fastcollide.positional import ORDER, is_positional, parse_positional
 from fastcollide.report_table import test_and_report
 from fastcollide.selftest import selftest as run_selftest
@@ -47,6 +47,10 @@ The values are {names} (1 or 0); trailing ones can be left out.
 Exit codes: 0 fine, 1 failure, 2 bad usage, 130 stopped by Ctrl-C."""
 
 
+def _help(parameter: Parameter) -> str:
+    return f"{parameter.help}  [{parameter.allowed}; default: {parameter.default_text}]"
+
+
 def _option(parameter: Parameter) -> Callable[[Any], Any]:
     if isinstance(parameter.kind, Switch):
         return click.option(
@@ -56,12 +60,21 @@ def _option(parameter: Parameter) -> Callable[[Any], Any]:
             help="Make no video." if parameter.default else parameter.help,
             callback=lambda context, option, is_given: not parameter.default if is_given else None,
         )
+    if isinstance(parameter.kind, Several):
+        return click.option(
+            parameter.option,
+            parameter.name,
+            multiple=True,
+            metavar=parameter.kind.metavar,
+            help=_help(parameter),
+            callback=lambda context, option, words: parameter.parse(",".join(words)) if words else None,
+        )
     return click.option(
         parameter.option,
         parameter.name,
         nargs=max(1, len(parameter.value_names)),
         metavar=" ".join(parameter.value_names) or parameter.kind.metavar,
-        help=f"{parameter.help}  [{parameter.allowed}; default: {parameter.default_text}]",
+        help=_help(parameter),
         callback=lambda context, option, words: None if words is None else parameter.parse(words),
     )
 
@@ -166,16 +179,17 @@ def demo() -> int:
 
 
 @commands.command()
-@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.argument("runs", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.option("--label", "labels", multiple=True, help="Caption of a run; can be given once for each.")
 @_options(RENDER_PARAMETERS)
-def render(folder: Path, bounds: Any, **values: Any) -> int:
-    """Make a video of the frame files in FOLDER."""
+def render(runs: tuple[Path, ...], labels: tuple[str, ...], bounds: Any, **values: Any) -> int:
+    """Make a video of RUNS, which are output folders or trajectory files; several are shown side by side."""
     corners = (bounds[:3], bounds[3:]) if bounds else None
-    return render_and_report(folder, corners, PictureSettings(**_given(values)))
+    return render_and_report(runs, corners, PictureSettings(**_given(values)), labels)
 
 
 @commands.command()
-@click.argument("source", required=False, metavar="[SCENE|FOLDER]", type=click.Path(exists=True, path_type=Path))
+@click.argument("source", required=False, metavar="[SCENE|RUN]", type=click.Path(exists=True, path_type=Path))
 @_set_option
 @_options({name: PARAMETERS[name] for name in ("device", "threads")} | {"bounds": RENDER_PARAMETERS["bounds"]})
 @click.option(
@@ -186,7 +200,8 @@ def render(folder: Path, bounds: Any, **values: Any) -> int:
 )
 @click.option("--no-browser", is_flag=True, help="Only show the address; open no browser.")
 def view(source: Path | None, host: str, port: int, no_browser: bool, **values: Any) -> int:
-    """Watch spheres in a web browser: those of SCENE, as they are simulated and steered, or a finished run in FOLDER.
+    """Watch spheres in a web browser: those of SCENE, as they are simulated and steered, or those of a finished RUN, an
+    output folder or a trajectory file.
 
     Without either: the spheres of the quick demo. Ends at Ctrl-C.
     """

@@ -16,18 +16,19 @@ from rich.text import Text
 
 import fastcollide as fc
 from fastcollide.checkpoints import Checkpoints
-from fastcollide.errors import SceneError, ViewError
+from fastcollide.errors import MissingLibrary, SceneError, ViewError
 from fastcollide.frames import FrameError
 from fastcollide.ledger import LEDGER_NAME, LedgerError, read_ledger
 from fastcollide.parameters import InvalidSetting
 from fastcollide.pictures import check_picture_files, make_picture_folders
-from fastcollide.plots import MissingLibrary, check_plot_file, plot_ledger, save_plot
+from fastcollide.plots import check_plot_file, plot_ledger, save_plot
 from fastcollide.render import Bounds
+from fastcollide.render_frames import render_folder
 from fastcollide.report import Report, Source
 from fastcollide.run import RunSummary, create_world, simulate
 from fastcollide.settings import PARAMETERS, PictureSettings, RunSettings, SimulationSettings
 from fastcollide.source import source_of
-from fastcollide.video import VideoError, render_folder
+from fastcollide.video import VideoError
 
 if TYPE_CHECKING:
     from fastcollide.expectations import Outcome
@@ -158,29 +159,37 @@ def _all_met(outcomes: Sequence[Outcome]) -> bool:
     return not failures
 
 
-def render_and_report(folder: Path, bounds: Bounds | None, settings: PictureSettings) -> int:
-    """Makes video and still of a folder of frame files in front of a person and returns the exit code.
+def render_and_report(
+    paths: Sequence[Path], bounds: Bounds | None, settings: PictureSettings, labels: Sequence[str] = ()
+) -> int:
+    """Makes video and still of what runs have written in front of a person and returns the exit code.
 
-    bounds: lower and upper corner of the box that they come from [m]; None takes one that holds the spheres.
+    paths: output folders or trajectory files, shown side by side; labels: a caption for each; bounds: lower and upper
+    corner of the box that they come from [m]; None takes that of the run.
     """
+    if len(labels) not in (0, len(paths)):
+        raise InvalidSetting("label", f"{len(labels)} for {len(paths)} runs", "one for each, or none")
+    if len(paths) > 1 and not labels:
+        labels = [path.name or str(path) for path in paths]
     files = settings.picture_files
     check_picture_files(settings)
     make_picture_folders(settings)
     with progress_bar("pictures") as show_progress:
         pictures = render_folder(
-            folder,
+            paths,
             video=files.get("video"),
             still=files.get("still"),
             bounds=bounds,
             width=settings.width,
             height=settings.height,
             supersampling=settings.supersampling,
-            camera=settings.camera,
+            camera=settings.view,
             color_by=settings.color_by,
             color_range=settings.color_range,
             color_map=settings.color_map,
             fps=settings.video_fps,
             quality=settings.quality,
+            labels=labels,
             device=settings.device,
             threads=settings.threads,
             progress=show_progress,
@@ -211,11 +220,13 @@ def _show(world: fc.World, settings: SimulationSettings, summary: RunSummary) ->
     if summary.fast_spheres:
         say("fast spheres", _about_fast_spheres(world.solver, settings, summary))
     say("state hash", f"{summary.state_hash:016x}")
-    if settings.export_every:
+    if settings.writes_frame_files:
         replaced = (
             f"; replaced {summary.replaced_frame_files:,} of an earlier run" if summary.replaced_frame_files else ""
         )
         say("frame files", f"{summary.frame_files:,} in {settings.output.resolve()}{replaced}")
+    for path in settings.trajectory or ():
+        say("trajectory", f"{settings.exports(summary.frames):,} frames in {path.resolve()}")
     if settings.ledger_interval:
         share = f"{100 * summary.ledger_seconds / summary.seconds:.1f} % of the time" if summary.seconds else ""
         say("ledger", f"{summary.ledger_rows:,} rows in {(settings.output / LEDGER_NAME).resolve()}, {share}")

@@ -49,6 +49,10 @@ class CheckpointError(ValueError):
         return f"{where}: found {self.found}; allowed: {self.allowed}"
 
 
+class MissingLibrary(RuntimeError):
+    """A library that this needs is not installed; the message says how to get it."""
+
+
 class SceneError(ValueError):
     """A scene is not as it must be. messages: one for each fault, with file, line, key, what was found and allowed."""
 

@@ -11,13 +11,18 @@ from pathlib import Path
 @contextmanager
 def written_beside(path: Path) -> Iterator[Path]:
     """Yields a path beside this one to write to; it takes this name when all went well, else it is removed."""
-    unfinished = path.with_name(path.name + ".part")
+    unfinished = part_of(path)
     try:
         yield unfinished
         os.replace(unfinished, path)
     except BaseException:
         unfinished.unlink(missing_ok=True)
         raise
+
+
+def part_of(path: Path) -> Path:
+    """What a file is called while it is written."""
+    return path.with_name(path.name + ".part")
 
 
 @contextmanager
@@ -28,6 +33,14 @@ def written_durably(path: Path) -> Iterator[Path]:
         yield unfinished
         flush_file(unfinished)
     flush_folder(path.parent)
+
+
+def make_folder(path: Path) -> None:
+    """Makes a folder and those that it lies in; once this returns a power cut leaves them."""
+    missing = [folder for folder in (path, *path.parents) if not folder.exists()]
+    path.mkdir(parents=True, exist_ok=True)
+    for folder in missing:
+        flush_folder(folder.parent)
 
 
 def flush_file(path: Path) -> None:

@@ -20,12 +20,14 @@ import re
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fastcollide import _core
 from fastcollide.files import written_beside
+from fastcollide.snapshots import Cast, Snapshot
 
 FIRST_LINE = b"# FastCollide frame, format 1"
 _HEADER_LINES = 5
@@ -39,16 +41,19 @@ class FrameError(ValueError):
 
 @dataclass(frozen=True)
 class Frame:
-    """What one frame file holds.
+    """One frame of a run.
 
     frame: number of frames simulated before it was written; time [s];
-    positions [m], shape (n, 3) float32; radii [m], shape (n,) float32; both in id order.
+    positions [m], shape (n, 3) float32; radii [m], shape (n,) float32; velocities [m/s] and spins [rad/s], shape (n, 3)
+    float32, or None where the file has none of them, as text files never have; all in id order.
     """
 
     frame: int
     time: float
     positions: NDArray[np.float32]
     radii: NDArray[np.float32]
+    velocities: NDArray[np.float32] | None = None
+    spins: NDArray[np.float32] | None = None
 
 
 def frame_path(folder: str | os.PathLike[str], frame: int) -> Path:
@@ -94,6 +99,22 @@ def write_frame(path: str | os.PathLike[str], frame: int, time: float, positions
         unfinished.write_bytes(content)
 
 
+class FrameFiles:
+    """Writes the frame files of a run; a Sink of Exports."""
+
+    def __init__(self, folder: Path, cast: Cast) -> None:
+        self._folder = folder
+        self._cast = cast
+
+    def write(self, snapshot: Snapshot) -> Path:
+        path = frame_path(self._folder, snapshot.frame)
+        write_frame(path, snapshot.frame, snapshot.time, snapshot.positions, self._cast.radii)
+        return path
+
+    def close(self) -> None:
+        pass  # each file is whole when it is there
+
+
 def read_frame(path: str | os.PathLike[str]) -> Frame:
     """Reads one frame file.
 
@@ -102,10 +123,7 @@ def read_frame(path: str | os.PathLike[str]) -> Frame:
     path = Path(path)
     content = path.read_bytes()
     with BytesIO(content) as file:
-        if file.readline().rstrip() != FIRST_LINE:
-            raise FrameError(f"{path}: found no frame file; its first line must be '{FIRST_LINE.decode()}'")
-        frame = _header_number(path, file.readline(), "frame")
-        time = _header_number(path, file.readline(), "time")
+        frame, time = _read_clock(path, file)
         count = _header_number(path, file.readline(), "count")
         file.readline()
         # Line breaks, not lines: a last line without one may have lost digits.
@@ -119,6 +137,19 @@ def read_frame(path: str | os.PathLike[str]) -> Frame:
     if not np.array_equal(rows["id"], np.arange(count)):
         raise FrameError(f"{path}: found ids out of order; they must count up from 0")
     return Frame(int(frame), time, rows["position"], rows["radius"])
+
+
+def read_frame_time(path: Path) -> float:
+    """The time of a frame file [s], from its header alone. Raises as read_frame() does."""
+    with path.open("rb") as file:
+        return _read_clock(path, file)[1]
+
+
+def _read_clock(path: Path, file: BinaryIO) -> tuple[float, float]:
+    """Frame and time [s] from the first lines of a frame file."""
+    if file.readline().rstrip() != FIRST_LINE:
+        raise FrameError(f"{path}: found no frame file; its first line must be '{FIRST_LINE.decode()}'")
+    return _header_number(path, file.readline(), "frame"), _header_number(path, file.readline(), "time")
 
 
 def _header_number(path: Path, line: bytes, key: str) -> float:

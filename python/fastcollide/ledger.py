@@ -8,7 +8,7 @@ killed leaves all rows but the one at hand.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fastcollide.errors import MissingLibrary
 from fastcollide.files import written_durably
 from fastcollide.world import World
 
 LEDGER_NAME = "ledger.csv"
+PARQUET_NAME = "ledger.parquet"
 
 
 @dataclass(frozen=True)
@@ -159,6 +161,39 @@ def read_ledger(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
         except ValueError:
             raise LedgerError(f"{path}: found '{line}' in line {i + 2}; expected {len(COLUMNS)} numbers") from None
     return {column.name: np.ascontiguousarray(rows[column.name]) for column in COLUMNS}
+
+
+def need_parquet() -> None:
+    """Raises MissingLibrary where there is no PyArrow."""
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError:
+        raise MissingLibrary(
+            'Parquet files need PyArrow, which is not installed; get it with: pip install "fastcollide[files]"'
+        ) from None
+
+
+def write_parquet(path: str | os.PathLike[str], ledger: Mapping[str, NDArray[Any]]) -> None:
+    """Writes columns as read_ledger() gives them into a Parquet file; it is whole or not there at all.
+
+    Raises MissingLibrary where there is no PyArrow, OSError where the file cannot be written.
+    """
+    need_parquet()
+    import pyarrow
+    import pyarrow.parquet
+
+    about = {column.name: {"meaning": column.meaning} for column in COLUMNS}
+    table = pyarrow.table(
+        [*ledger.values()],
+        schema=pyarrow.schema(
+            [
+                pyarrow.field(name, pyarrow.from_numpy_dtype(values.dtype), nullable=False, metadata=about.get(name))
+                for name, values in ledger.items()
+            ]
+        ),
+    )
+    with written_durably(Path(path)) as unfinished:
+        pyarrow.parquet.write_table(table, unfinished)
 
 
 def _is_ledger(content: bytes) -> bool:

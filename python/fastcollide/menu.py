@@ -86,14 +86,14 @@ def _render() -> int:
         default=PARAMETERS["output"].default_text,
         type=click.Path(exists=True, file_okay=False, path_type=Path),
     )
-    return render_and_report(folder, None, PictureSettings(video=ask(PARAMETERS["video"])))
+    return render_and_report([folder], None, PictureSettings(video=ask(PARAMETERS["video"])))
 
 
 def _view() -> int:
     from fastcollide.view.program import run_to_view, view_and_report
 
     source = click.prompt(
-        "Scene file or folder of a run [quick demo]",
+        "Scene or finished run [quick demo]",
         default="",
         show_default=False,
         value_proc=lambda text: click.Path(exists=True, path_type=Path)(text) if text else None,

@@ -261,6 +261,8 @@ class Parameter:
         """The words of the command line that give this value, with every digit."""
         if isinstance(self.kind, Switch):
             return [self.option]
+        if isinstance(self.kind, Several):
+            return [word for part in value for word in (self.option, str(part))]
         parts = value if isinstance(value, tuple) else (value,)
         return [self.option, *(repr(part) if isinstance(part, float) else str(part) for part in parts)]
 

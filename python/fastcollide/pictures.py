@@ -81,7 +81,7 @@ def renderer_for(world: fc.World, settings: PictureSettings) -> Renderer:
         width=settings.width,
         height=settings.height,
         supersampling=settings.supersampling,
-        camera=settings.camera,
+        camera=settings.view(world.bounds),
         color_by=settings.color_by,
         color_range=settings.color_range,
         color_map=settings.color_map,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fastcollide.errors import MissingLibrary
 from fastcollide.files import written_beside
 from fastcollide.ledger import LedgerError
 from fastcollide.parameters import FilePath, Parameter
@@ -47,10 +48,6 @@ _STYLE: dict[str, Any] = {
 }
 
 Ledger = dict[str, NDArray[Any]]
-
-
-class MissingLibrary(RuntimeError):
-    """A library that this needs is not installed; the message says how to get it."""
 
 
 def need_matplotlib() -> None:

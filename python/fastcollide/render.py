@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -13,12 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from fastcollide import _core
+from fastcollide.cameras import CAMERA_NAMES, Bounds, Camera, Orbit, camera_for_box, invalid, listed, triple
 from fastcollide.colormaps import COLOR_MAPS, color_table
-from fastcollide.errors import InvalidValue
 from fastcollide.world import to_numpy
 
 ColorBy = Literal["speed", "radius", "id"]
-Bounds = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 STANDARD_GRAVITY = 9.80665  # m/s²
 LARGEST_SIDE = 16_384  # pixels; beyond it a picture's buffers alone take gigabytes
@@ -27,68 +24,6 @@ SMALLEST_WITH_TEXT = (320, 200)  # pixels; in a smaller picture a colour bar and
 _LABELS = {"speed": "Speed (m/s)", "radius": "Radius (m)", "id": "Sphere number"}
 _INK = (44, 52, 64)
 _SOFT_INK = (92, 102, 117)
-# Where the named cameras look from: from the middle of the box towards the eye, and what is up in the picture.
-_DIRECTIONS = {
-    "auto": ((0.50, -0.84, 0.33), (0.0, 0.0, 1.0)),
-    "front": ((0.0, -1.0, 0.12), (0.0, 0.0, 1.0)),
-    "top": ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)),
-}
-
-
-@dataclass(frozen=True)
-class Camera:
-    """Where a picture is taken from.
-
-    eye, target: points [m]; up: direction that is up in the picture; field_of_view_degrees: vertical angle of view.
-    """
-
-    eye: tuple[float, float, float]
-    target: tuple[float, float, float]
-    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    field_of_view_degrees: float = 24.0
-
-    def __post_init__(self) -> None:
-        for name in ("eye", "target", "up"):
-            value = np.asarray(getattr(self, name), dtype=float)
-            if value.shape != (3,) or not np.isfinite(value).all():
-                raise _invalid(f"camera.{name}", getattr(self, name), "three finite numbers")
-        if tuple(self.eye) == tuple(self.target):
-            raise _invalid("camera.target", self.target, "any point but the eye")
-        if not 1.0 <= self.field_of_view_degrees <= 150.0:
-            raise _invalid("camera.field_of_view_degrees", self.field_of_view_degrees, "1 to 150")
-
-
-def camera_for_box(
-    bounds: Bounds, aspect: float, name: str = "auto", field_of_view_degrees: float = 24.0, margin: float = 0.09
-) -> Camera:
-    """The nearest camera of this name that holds the whole box.
-
-    bounds: lower and upper corner [m]; aspect: width over height of the picture; name: "auto" (three-quarter view,
-    slightly from above), "front" or "top"; margin: share of the picture kept free at each side.
-    """
-    if name not in _DIRECTIONS:
-        raise _invalid("camera", name, f"{_listed(_DIRECTIONS)} or a Camera")
-    direction, up = (np.array(vector) for vector in _DIRECTIONS[name])
-    forward = -direction / np.linalg.norm(direction)
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(right, forward), forward])
-    lower, upper = (np.asarray(corner, dtype=float) for corner in bounds)
-    corners = np.array([[(lower, upper)[bit][axis] for axis, bit in enumerate(bits)] for bits in np.ndindex(2, 2, 2)])
-    across, height, ahead = axes @ corners.T
-    tan_vertical = math.tan(math.radians(field_of_view_degrees) / 2)
-    distance = math.inf
-    place = []
-    for coordinate, tangent in ((across, tan_vertical * aspect), (height, tan_vertical)):
-        # Each corner must lie between the two planes that bound the view: two upper limits of the eye's place
-        # ahead, the closest of which the eye takes, and the middle between the planes sideways.
-        tangent *= 1 - 2 * margin
-        left, right_most = np.max(-coordinate - tangent * ahead), np.max(coordinate - tangent * ahead)
-        distance = min(distance, -(left + right_most) / (2 * tangent))
-        place.append((right_most - left) / 2)
-    eye = axes.T @ np.array([*place, distance])
-    target = eye + forward * (float(np.mean(ahead)) - distance)
-    return Camera(_triple(eye), _triple(target), _triple(up), field_of_view_degrees)
 
 
 class Renderer:
@@ -96,7 +31,8 @@ class Renderer:
 
     bounds: lower and upper corner of the box [m].
     width, height: picture size [pixels]; supersampling: samples along each side of a pixel, 1 to 4.
-    camera: None or "auto", "front", "top", or a Camera.
+    camera: None or "auto", "front", "top", "orbit", or a Camera, or an Orbit, which goes round with the time.
+    has_color_bar: whether the picture has a colour bar.
     color_by: what the values are: "speed" [m/s], "radius" [m] or "id"; names the colour bar.
     color_range: values at its two ends. None takes one range for all pictures, so that a colour means the same in a
         whole video: for the speed 0 to that of a free fall from the box's top to its bottom, or to what 19 of 20
@@ -113,12 +49,13 @@ class Renderer:
         width: int = 1280,
         height: int = 720,
         supersampling: int = 2,
-        camera: str | Camera | None = None,
+        camera: str | Camera | Orbit | None = None,
         color_by: ColorBy = "speed",
         color_range: tuple[float, float] | None = None,
         device: str = "cpu",
         threads: int | None = None,
         color_map: str = "ember",
+        has_color_bar: bool = True,
     ) -> None:
         for name, value, largest in (
             ("width", width, LARGEST_SIDE),
@@ -126,27 +63,33 @@ class Renderer:
             ("supersampling", supersampling, 4),
         ):
             if not 1 <= value <= largest:
-                raise _invalid(name, value, f"1 to {largest}")
+                raise invalid(name, value, f"1 to {largest}")
         if color_by not in _LABELS:
-            raise _invalid("color_by", color_by, _listed(_LABELS))
+            raise invalid("color_by", color_by, listed(_LABELS))
         if color_map not in COLOR_MAPS:
-            raise _invalid("color_map", color_map, _listed(COLOR_MAPS))
-        lower, upper = (_triple(corner) for corner in bounds)
+            raise invalid("color_map", color_map, listed(COLOR_MAPS))
+        lower, upper = (triple(corner) for corner in bounds)
         if not all(-math.inf < low < high < math.inf for low, high in zip(lower, upper, strict=True)):
-            raise _invalid("bounds", bounds, "a lower and an upper corner, finite")
+            raise invalid("bounds", bounds, "a lower and an upper corner, finite")
         if color_range is not None:
             color_range = (float(color_range[0]), float(color_range[1]))
             if not -math.inf < color_range[0] < color_range[1] < math.inf:
-                raise _invalid("color_range", color_range, "two finite numbers, the lower one first")
+                raise invalid("color_range", color_range, "two finite numbers, the lower one first")
         self.bounds = (lower, upper)
         self.width, self.height, self.supersampling = int(width), int(height), int(supersampling)
-        if isinstance(camera, Camera):
+        if isinstance(camera, str) and camera not in CAMERA_NAMES:
+            raise invalid("camera", camera, f"{listed(CAMERA_NAMES)}, a Camera or an Orbit")
+        self._orbit = Orbit() if camera == "orbit" else camera if isinstance(camera, Orbit) else None
+        if self._orbit is not None:
+            self.camera = self._orbit.camera_at(0.0, self.bounds, width / height)
+        elif isinstance(camera, Camera):
             self.camera = camera
         else:
             self.camera = camera_for_box(self.bounds, width / height, camera or "auto")
         self.color_by = color_by
         self.color_range = color_range
         self._color_table = color_table(color_map)
+        self._has_color_bar = has_color_bar
         self._color_bar: _Overlay | None = None
         self._native = _core.Renderer(device, threads or 0)
 
@@ -161,7 +104,8 @@ class Renderer:
         """A picture, shape (height, width, 3), RGB.
 
         positions [m], shape (n, 3); radii [m], shape (n,); values (what color_by names), shape (n,).
-        title: first line of the caption; time [s]: shown below it together with the number of spheres.
+        title: first line of the caption; time [s]: shown below it together with the number of spheres, and the place of
+        an Orbit.
         With neither there is no caption; a picture smaller than 320 × 200 has neither caption nor colour bar.
         Raises InvalidValue where the shapes do not fit.
         """
@@ -174,9 +118,11 @@ class Renderer:
             ("values", values, (count,)),
         ):
             if array.shape != shape:
-                raise _invalid(name, f"an array of shape {array.shape}", f"shape {shape}")
+                raise invalid(name, f"an array of shape {array.shape}", f"shape {shape}")
         if self.color_range is None:
             self.color_range = self.choose_color_range(values)
+        if self._orbit is not None:
+            self.camera = self._orbit.camera_at(time or 0.0, self.bounds, self.width / self.height)
         camera, (lower, upper) = self.camera, self.bounds
         picture = self._native.draw(
             self.width,
@@ -199,12 +145,13 @@ class Renderer:
         return picture
 
     def _write_text(self, picture: NDArray[np.uint8], title: str | None, time: float | None, count: int) -> None:
-        if self._color_bar is None:
+        if self._has_color_bar and self._color_bar is None:
             assert self.color_range is not None
             self._color_bar = _color_bar(
                 self.width, self.height, self._color_table, _LABELS[self.color_by], self.color_range
             )
-        self._color_bar.lay_over(picture)
+        if self._color_bar is not None:
+            self._color_bar.lay_over(picture)
         if title is not None or time is not None:
             _caption(self.width, self.height, title, time, count).lay_over(picture)
 
@@ -248,8 +195,8 @@ def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 
 
 def _unit(width: int, height: int) -> float:
-    """Length that the overlay is measured in [pixels]: 1 in a picture of 1280 × 720."""
-    return max(min(height / 720, width / 1280), 0.5)
+    """Length that the overlay is measured in [pixels]: 1 in a picture of 1280 × 720, and in one of two of 800 × 720."""
+    return max(min(height / 720, width / 800), 0.5)
 
 
 def _color_bar(
@@ -316,17 +263,4 @@ def _float_array(name: str, array: Any) -> NDArray[np.float32]:
     try:
         return np.ascontiguousarray(to_numpy(array), dtype=np.float32)
     except (TypeError, ValueError):
-        raise _invalid(name, type(array).__name__, "an array of numbers") from None
-
-
-def _invalid(field: str, found: Any, allowed: str) -> InvalidValue:
-    return InvalidValue(f"{field}: found {found}; allowed: {allowed}", field)
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(f'"{name}"' for name in names)
-
-
-def _triple(vector: Any) -> tuple[float, float, float]:
-    x, y, z = (float(component) for component in vector)
-    return x, y, z
+        raise invalid(name, type(array).__name__, "an array of numbers") from None

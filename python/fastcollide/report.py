@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import fastcollide as fc
+from fastcollide.errors import MissingLibrary
 from fastcollide.files import written_beside
 from fastcollide.ledger import LEDGER_NAME, read_ledger
 from fastcollide.pictures import draw, renderer_for
-from fastcollide.plots import INSTALL, MissingLibrary, need_matplotlib, plot_ledger, render_plot
+from fastcollide.plots import INSTALL, need_matplotlib, plot_ledger, render_plot
 from fastcollide.run import RunSummary
 from fastcollide.settings import SimulationSettings
 from fastcollide.source import Source

@@ -12,7 +12,7 @@ from fastcollide.checkpoints import checkpoint_paths, remove_unfinished_files
 from fastcollide.console import EXIT_INTERRUPTED, render_and_report, run_world, say
 from fastcollide.errors import CheckpointError
 from fastcollide.expectations import Outcome, check_end
-from fastcollide.frames import FrameError, frame_path, frame_paths
+from fastcollide.frames import FrameError, frame_path
 from fastcollide.ledger import read_ledger
 from fastcollide.run import check_paths
 from fastcollide.run_record import RunRecord, checkpoints_of, record_in
@@ -32,7 +32,7 @@ def resume_and_report(folder: Path, device: str | None, threads: int | None) -> 
         record.settings, device=device or record.settings.device, threads=threads or record.settings.threads
     )
     _check_frames(settings, world.frame)
-    check_paths(settings)
+    check_paths(settings, world.frame)
     remove_unfinished_files(folder)
     say("resumed", f"{path.resolve()}, after {world.frame:,} of {settings.frames:,} frames")
 
@@ -75,6 +75,8 @@ def _last_good(folder: Path, device: str | None, threads: int | None) -> tuple[P
 
 
 def _check_frames(settings: SimulationSettings, done: int) -> None:
+    if not settings.writes_frame_files:
+        return
     for frame in filter(settings.is_export_due, range(1, done + 1)):
         path = frame_path(settings.output, frame)
         if not path.is_file():
@@ -82,8 +84,8 @@ def _check_frames(settings: SimulationSettings, done: int) -> None:
 
 
 def _make_video(world: fc.World, settings: SimulationSettings) -> None:
-    if not frame_paths(settings.output):
+    if not settings.export_every or not (settings.writes_frame_files or settings.trajectory):
         say("video", "none: there are no frame files, and a run that was stopped has lost its pictures")
         return
-    say("video", "made from the frame files, one picture for each")
-    render_and_report(settings.output, world.bounds, replace(settings, still=None, video_fps=None))
+    say("video", "made from the frames that were written, one picture for each")
+    render_and_report([settings.output], world.bounds, replace(settings, still=None, video_fps=None))

@@ -6,16 +6,28 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
 
 import fastcollide as fc
 from fastcollide.checkpoints import Checkpoints, remove_checkpoints
-from fastcollide.frames import frame_path, remove_frames, write_frame
+from fastcollide.exports import Exports, Sink
+from fastcollide.files import make_folder
+from fastcollide.frames import FrameFiles, remove_frames
 from fastcollide.interrupt import StopOnInterrupt
-from fastcollide.ledger import LEDGER_NAME, LedgerWriter, check_replaceable
+from fastcollide.ledger import (
+    LEDGER_NAME,
+    PARQUET_NAME,
+    LedgerWriter,
+    check_replaceable,
+    need_parquet,
+    read_ledger,
+    write_parquet,
+)
 from fastcollide.parameters import InvalidSetting
 from fastcollide.pictures import Painter, check_picture_files
+from fastcollide.run_folder import write_run
 from fastcollide.settings import RunSettings, SimulationSettings
+from fastcollide.snapshots import cast_of
+from fastcollide.trajectories import check_trajectories, open_writer
 
 
 @dataclass(frozen=True)
@@ -88,13 +100,31 @@ def create_world(settings: RunSettings) -> fc.World:
     return world
 
 
-def check_paths(settings: SimulationSettings) -> None:
-    """Raises InvalidSetting or LedgerError where something else stands in the place of a file or folder of the run."""
+def check_paths(settings: SimulationSettings, done: int = 0) -> None:
+    """Raises InvalidSetting, LedgerError or FrameError where something else stands in the place of a file or folder of
+    the run, or where a trajectory lacks frames up to the one that is done, MissingLibrary where a library for a file is
+    not installed."""
     if settings.uses_output and settings.output.exists() and not settings.output.is_dir():
         raise InvalidSetting("output", f"the file {settings.output}", "a folder, or a name that is free")
     if settings.ledger_interval:
         check_replaceable(settings.output / LEDGER_NAME)
+    if settings.parquet:
+        need_parquet()
+    for path in settings.trajectory or ():
+        if path.is_dir():
+            raise InvalidSetting("trajectory", f"the folder {path}", "a file, or a name that is free")
+    check_trajectories(settings.trajectory or (), settings.exports(done))
     check_picture_files(settings)
+
+
+def _open_exports(world: fc.World, settings: SimulationSettings, done: int) -> Exports:
+    """Where the frames go. done: frames of an earlier run that are kept."""
+    cast = cast_of(world)
+    sinks: list[Sink] = [FrameFiles(settings.output, cast)] if settings.writes_frame_files else []
+    frames = range(settings.export_every, settings.frames + 1, settings.export_every or 1)
+    for path in settings.trajectory or ():
+        sinks.append(open_writer(path, cast, frames, settings.exports(done)))
+    return Exports(cast, sinks)
 
 
 def _frames_at_once(settings: SimulationSettings, done: int, frames_per_second: float) -> int:
@@ -125,17 +155,20 @@ def simulate(
     first_frame = world.frame
     step_seconds = ledger_seconds = 0.0
     frame_files = replaced = 0
-    new_files: list[Path] = []  # since the last checkpoint
     with ExitStack() as stack:
         stop = stack.enter_context(StopOnInterrupt())
         painter = stack.enter_context(Painter(settings, world))
         if settings.uses_output:
-            settings.output.mkdir(parents=True, exist_ok=True)
+            make_folder(settings.output)
             if not is_continued:
                 remove_checkpoints(settings.output)  # before all else that belongs to them
-        if settings.export_every:
+                write_run(world, settings)
+            if settings.ledger_interval:
+                (settings.output / PARQUET_NAME).unlink(missing_ok=True)  # older than what follows
+        if settings.writes_frame_files:
             replaced = remove_frames(settings.output, after=first_frame if is_continued else -1)
-            frame_files = sum(map(settings.is_export_due, range(1, first_frame + 1)))
+            frame_files = settings.exports(first_frame)
+        exports = stack.enter_context(_open_exports(world, settings, first_frame if is_continued else 0))
         ledger = None
         if settings.ledger_interval:
             kept = [*filter(settings.is_ledger_due, range(first_frame + 1))] if is_continued else None
@@ -147,8 +180,7 @@ def simulate(
             if checkpoints:
                 if ledger:
                     ledger.flush()
-                checkpoints.write(world, new_files)
-                new_files.clear()
+                checkpoints.write(world, exports.drain())
 
         if not is_continued:
             write_checkpoint()
@@ -158,11 +190,8 @@ def simulate(
             world.step(_frames_at_once(settings, world.frame, rate), dt=settings.dt)
             step_seconds += time.perf_counter() - step_started
             if settings.is_export_due(world.frame):
-                path = frame_path(settings.output, world.frame)
-                write_frame(path, world.frame, world.time, fc.to_numpy(world.positions), fc.to_numpy(world.radii))
-                frame_files += 1
-                if checkpoints:
-                    new_files.append(path)
+                exports.add(world)
+                frame_files += settings.writes_frame_files
             if ledger and settings.is_ledger_due(world.frame):
                 ledger_started = time.perf_counter()
                 ledger.add(world)
@@ -177,6 +206,9 @@ def simulate(
         if ledger and not settings.is_ledger_due(world.frame):  # stopped early
             ledger.add(world)
         painter.finish()
+        exports.drain()
+        if settings.parquet:
+            write_parquet(settings.output / PARQUET_NAME, read_ledger(settings.output))
     return RunSummary(
         first_frame=first_frame,
         frames=world.frame,

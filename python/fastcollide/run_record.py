@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,7 @@ from fastcollide.checkpoints import Checkpoints
 from fastcollide.errors import CheckpointError
 from fastcollide.expectations import Start
 from fastcollide.parameters import InvalidSetting
+from fastcollide.run_folder import seen_from_folder, seen_from_here, shared_part
 from fastcollide.scene_schema import ExpectTable
 from fastcollide.settings import SimulationSettings
 from fastcollide.source import Source
@@ -31,15 +30,7 @@ class RunRecord(BaseModel):
 
     def packed(self) -> dict[str, Any]:
         """As values of JSON. Files of the run are named from its folder, so that both can be moved together."""
-        settings = self.settings
-        settings = SimulationSettings(
-            **{entry.name: getattr(settings, entry.name) for entry in fields(SimulationSettings)}
-        )
-        files = {
-            name: path if path is None or path.is_absolute() else Path(os.path.relpath(path, settings.output))
-            for name, path in (("video", settings.video), ("still", settings.still))
-        }
-        settings = replace(settings, output=Path("."), **files)
+        settings = seen_from_folder(shared_part(self.settings))
         return self.model_copy(update={"settings": settings}).model_dump(mode="json")
 
 
@@ -53,11 +44,7 @@ def record_in(archive: Archive, folder: Path) -> RunRecord:
     except (ValidationError, InvalidSetting) as error:
         reason = " ".join(str(error).split())
         raise CheckpointError(archive.path, None, f"no settings of a run ({reason})", "a checkpoint of a run") from None
-    files = {
-        name: path and Path(os.path.normpath(folder / path))
-        for name, path in (("video", record.settings.video), ("still", record.settings.still))
-    }
-    return record.model_copy(update={"settings": replace(record.settings, output=folder, **files)})
+    return record.model_copy(update={"settings": seen_from_here(record.settings, folder)})
 
 
 def checkpoints_of(

@@ -73,5 +73,9 @@ def _override(name: str, value: Any) -> str:
     """An option of `run` as a change of the scene."""
     if name not in _OPTION_PLACES:
         raise InvalidSetting(name, "it beside a scene", "--set with a key of the scene")
-    value = list(value) if isinstance(value, tuple) else str(value) if isinstance(value, Path) else value
+    value = [*map(_plain, value)] if isinstance(value, tuple) else _plain(value)
     return f"{_OPTION_PLACES[name]}={tomlkit.item(value).as_string()}"
+
+
+def _plain(value: Any) -> Any:
+    return str(value) if isinstance(value, Path) else value

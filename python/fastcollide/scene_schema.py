@@ -157,7 +157,10 @@ class OutputTable(Table):
 
     folder: Path | None = like("output", default=None, help="Folder of the run. Default: the name of the scene file.")
     export_every: int = like("export_every")
+    make_frame_files: bool = like("make_frame_files", allowed="true or false")
+    trajectory: tuple[Path, ...] | None = like("trajectory", allowed="a list of paths that end in .gsd or .vtkhdf")
     ledger_every: int | None = like("ledger_every")
+    parquet: bool = like("parquet", allowed="true or false")
     checkpoint_every: int = like("checkpoint_every")
     report: bool = like("report", allowed="true or false")
     make_video: bool = like("make_video", allowed="true or false")
@@ -170,7 +173,10 @@ class OutputTable(Table):
     color_by: ColorBy = like("color_by")
     color_range: tuple[Finite, Finite] | None = like("color_range", allowed="two numbers, the lower one first")
     color_map: Literal["tide", "ember"] = like("color_map")
-    camera: Literal["auto", "front", "top"] = like("camera")
+    camera: Literal["auto", "front", "top", "orbit"] = like("camera")
+    orbit_period: float = like("orbit_period")
+    camera_position: Vector | None = like("camera_position", allowed=A_VECTOR)
+    camera_target: Vector | None = like("camera_target", allowed=A_VECTOR)
     quality: int = like("quality")
 
 

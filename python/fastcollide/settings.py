@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, get_args
 
+from fastcollide.cameras import CAMERA_NAMES, DEFAULT_ORBIT_PERIOD, Bounds, Camera, Orbit
 from fastcollide.colormaps import COLOR_MAPS
 from fastcollide.parameters import (
     Choice,
@@ -20,6 +21,7 @@ from fastcollide.parameters import (
     Kind,
     Parameter,
     Real,
+    Several,
     Switch,
     Whole,
 )
@@ -27,6 +29,7 @@ from fastcollide.render import ColorBy
 from fastcollide.world import SOLVERS
 
 DEFAULT_VIDEO_FPS = 30
+TRAJECTORY_SUFFIXES = (".gsd", ".vtkhdf")
 
 
 def _about(kind: Kind, help: str, **details: Any) -> dict[str, Any]:
@@ -77,7 +80,36 @@ class PictureSettings:
         ),
     )
     color_map: str = field(default="ember", metadata=_about(Choice(COLOR_MAPS), "Which colours."))
-    camera: str = field(default="auto", metadata=_about(Choice(("auto", "front", "top")), "Where to look from."))
+    camera: str = field(
+        default="auto",
+        metadata=_about(Choice(CAMERA_NAMES), "Where to look from; orbit goes round the box."),
+    )
+    orbit_period: float = field(
+        default=DEFAULT_ORBIT_PERIOD,
+        metadata=_about(
+            Real(0, 1_000_000, without_minimum=True), "Time in which the camera orbit goes round once.", unit="s"
+        ),
+    )
+    camera_position: tuple[float, float, float] | None = field(
+        default=None,
+        metadata=_about(
+            Real(-1e6, 1e6),
+            "Look from this place instead.",
+            unit="m",
+            value_names=("X", "Y", "Z"),
+            unset="as camera says",
+        ),
+    )
+    camera_target: tuple[float, float, float] | None = field(
+        default=None,
+        metadata=_about(
+            Real(-1e6, 1e6),
+            "Where a camera with a position of its own looks.",
+            unit="m",
+            value_names=("X", "Y", "Z"),
+            unset="the middle of the box",
+        ),
+    )
     quality: int = field(
         default=75, metadata=_about(Whole(0, 100), "Quality of the video, from a small file to no loss to be seen.")
     )
@@ -87,6 +119,20 @@ class PictureSettings:
             parameter.check(getattr(self, name))
         if self.color_range is not None and self.color_range[0] >= self.color_range[1]:
             raise InvalidSetting("color_range", "{:g} {:g}".format(*self.color_range), "the lower value first")
+        if self.camera_position is not None and self.camera != "auto":
+            raise InvalidSetting("camera_position", f"one beside camera {self.camera}", "one of the two")
+        if self.camera_target is not None and self.camera_position is None:
+            raise InvalidSetting("camera_target", "one without camera-position", "both, or neither")
+        if self.camera_target is not None and self.camera_target == self.camera_position:
+            raise InvalidSetting("camera_target", "the camera's own position", "any other point")
+
+    def view(self, bounds: Bounds) -> str | Camera | Orbit:
+        """The camera for pictures of this box."""
+        if self.camera_position is None:
+            return Orbit(self.orbit_period) if self.camera == "orbit" else self.camera
+        target = self.camera_target or tuple((low + high) / 2 for low, high in zip(*bounds, strict=True))
+        is_above = target[:2] == self.camera_position[:2]
+        return Camera(self.camera_position, target, up=(0.0, 1.0, 0.0) if is_above else (0.0, 0.0, 1.0))
 
     @property
     def picture_files(self) -> dict[str, Path]:
@@ -108,7 +154,21 @@ class SimulationSettings(PictureSettings):
         metadata=_about(Whole(1, 10_000), "Simulated frames per second; a frame lasts 1/fps seconds.", unit="frames/s"),
     )
     export_every: int = field(
-        default=2, metadata=_about(Whole(0, 10_000_000), "Write a frame file after every N-th frame; 0 writes none.")
+        default=2,
+        metadata=_about(
+            Whole(0, 10_000_000),
+            "Write every N-th frame, as a text file and into trajectories; 0 writes none.",
+        ),
+    )
+    make_frame_files: bool = field(default=True, metadata=_about(Switch(), "Write the frames as text files or not."))
+    trajectory: tuple[Path, ...] | None = field(
+        default=None,
+        metadata=_about(
+            Several(FilePath(TRAJECTORY_SUFFIXES)),
+            "Also write the frames, with velocities, into one file: .gsd for OVITO, freud and HOOMD, .vtkhdf for "
+            "ParaView; can be given again.",
+            unset="no trajectory",
+        ),
     )
     ledger_every: int | None = field(
         default=None,
@@ -117,6 +177,9 @@ class SimulationSettings(PictureSettings):
             "Write a row of ledger.csv (energy, momentum, contacts, overlap) after every N-th frame; 0 writes none.",
             unset="every 10th, for 30 to 600 rows",
         ),
+    )
+    parquet: bool = field(
+        default=False, metadata=_about(Switch(), "Also write the ledger as ledger.parquet when the run ends.")
     )
     checkpoint_every: int = field(
         default=0,
@@ -136,6 +199,13 @@ class SimulationSettings(PictureSettings):
         super().__post_init__()
         if self.report and not self.ledger_interval:
             raise InvalidSetting("report", "1 together with ledger-every 0", "a report with a ledger to draw")
+        if self.parquet and not self.ledger_interval:
+            raise InvalidSetting("parquet", "1 together with ledger-every 0", "parquet with a ledger to write")
+        if self.trajectory:
+            if not self.export_every:
+                raise InvalidSetting("trajectory", "one together with export-every 0", "export-every above 0")
+            if len(set(self.trajectory)) < len(self.trajectory):
+                raise InvalidSetting("trajectory", "one file twice", "a name for each")
         if self.pictures_per_second > self.fps:
             raise InvalidSetting("video_fps", self.video_fps, f"at most fps, which is {self.fps}")
 
@@ -155,13 +225,22 @@ class SimulationSettings(PictureSettings):
         return min(DEFAULT_VIDEO_FPS, self.fps) if self.video_fps is None else self.video_fps
 
     def is_export_due(self, frame: int) -> bool:
-        """Whether a frame file is written after this frame (counted from 1)."""
+        """Whether this frame (counted from 1) is written to frame files and trajectories."""
         return self.export_every > 0 and frame % self.export_every == 0
+
+    @property
+    def writes_frame_files(self) -> bool:
+        """Whether there are frame files."""
+        return self.export_every > 0 and self.make_frame_files
 
     @property
     def uses_output(self) -> bool:
         """Whether anything is written into the output folder."""
         return self.export_every > 0 or self.ledger_interval > 0 or self.checkpoint_every > 0
+
+    def exports(self, frame: int) -> int:
+        """How many frames have been written after this one."""
+        return frame // self.export_every if self.export_every else 0
 
     @property
     def ledger_interval(self) -> int:

@@ -1,12 +1,11 @@
-"""Videos, stills and folders of frames: pictures go in, whole files come out."""
+"""Videos and stills: pictures go in, whole files come out."""
 
 from __future__ import annotations
 
 import os
 import queue
 import threading
-from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -18,8 +17,6 @@ from PIL import Image
 
 from fastcollide.errors import InvalidValue
 from fastcollide.files import written_beside
-from fastcollide.frames import Frame, FrameError, frame_paths, read_frame
-from fastcollide.render import Bounds, Camera, ColorBy, Renderer, round_step
 
 MOST_FPS = 240  # pictures a second
 _WAITING_PICTURES = 3  # enough to keep drawing and encoding both busy, few enough to cost no memory
@@ -160,111 +157,6 @@ def write_still(path: str | os.PathLike[str], picture: NDArray[np.uint8]) -> Non
     """
     with written_beside(Path(path)) as unfinished:
         Image.fromarray(picture).save(unfinished, format="PNG")
-
-
-def render_folder(
-    folder: str | os.PathLike[str],
-    video: str | os.PathLike[str] | None = None,
-    still: str | os.PathLike[str] | None = None,
-    *,
-    bounds: Bounds | None = None,
-    width: int = 1280,
-    height: int = 720,
-    supersampling: int = 2,
-    camera: str | Camera | None = None,
-    color_by: ColorBy = "speed",
-    color_range: tuple[float, float] | None = None,
-    color_map: str = "ember",
-    fps: float | None = None,
-    quality: int = 75,
-    title: str | None = None,
-    device: str = "auto",
-    threads: int | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> int:
-    """Draws a folder of frame files, each of which becomes one picture of the video; returns the number of pictures.
-
-    video: MP4 file; still: PNG file with the last frame; None makes none.
-    bounds: the box [m]; None takes round numbers that hold the spheres, since frame files do not name it.
-    fps: pictures a second; None plays in real time, as far as 1 to 240 pictures a second can.
-    color_by "speed" [m/s]: the way of each sphere since the frame before over the time between the two (in the first
-    frame: until the next one).
-    progress(done, total) is called after each picture. All else is as in Renderer and VideoWriter.
-    Raises what these do, and FrameError where the folder holds no frame file or one that is not whole.
-    """
-    paths = frame_paths(folder)
-    if not paths:
-        raise FrameError(f"{Path(folder)}: found no frame file; allowed: a folder of frame_00000001.txt and so on")
-    renderer = Renderer(
-        bounds or _bounds_of(paths),
-        width=width,
-        height=height,
-        supersampling=supersampling,
-        camera=camera,
-        color_by=color_by,
-        color_range=color_range,
-        color_map=color_map,
-        device=device,
-        threads=threads,
-    )
-    if video is None:
-        paths = paths[-1:]
-    before = read_frame(paths[0])
-    after = read_frame(paths[1]) if len(paths) > 1 else before
-    with ExitStack() as files:
-        writer = None
-        if video is not None:
-            writer = files.enter_context(
-                VideoWriter(video, width, height, fps or _real_time_fps(before, after), quality)
-            )
-        for done, path in enumerate(paths, start=1):
-            frame = before if done == 1 else read_frame(path)
-            neighbor = after if done == 1 else before
-            values = _values(frame, neighbor, color_by)
-            picture = renderer.draw(frame.positions, frame.radii, values, title=title, time=frame.time)
-            if writer is not None:
-                writer.add(picture)
-            before = frame
-            progress(done, len(paths))
-        if still is not None:
-            write_still(still, picture)
-    return len(paths)
-
-
-def _values(frame: Frame, neighbor: Frame, color_by: ColorBy) -> NDArray[np.float32]:
-    """What the colours show, shape (n,). A sphere that the neighbouring frame does not have is at rest."""
-    count = len(frame.radii)
-    if color_by == "radius":
-        return frame.radii
-    if color_by == "id":
-        return np.arange(count, dtype=np.float32)
-    speeds = np.zeros(count, np.float32)
-    both = min(count, len(neighbor.radii))
-    if frame.time != neighbor.time:
-        way = np.linalg.norm(frame.positions[:both] - neighbor.positions[:both], axis=1)
-        speeds[:both] = way / abs(frame.time - neighbor.time)
-    return speeds
-
-
-def _bounds_of(paths: list[Path]) -> Bounds:
-    """A box with round corners that holds the spheres of a few frames, the first and the last among them."""
-    chosen = np.unique(np.linspace(0, len(paths) - 1, 6).round().astype(int))
-    lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
-    for frame in (read_frame(paths[i]) for i in chosen):
-        if len(frame.radii):
-            lower = np.minimum(lower, (frame.positions - frame.radii[:, None]).min(axis=0))
-            upper = np.maximum(upper, (frame.positions + frame.radii[:, None]).max(axis=0))
-    if not np.isfinite(upper - lower).all():
-        return (-1.0, -1.0, 0.0), (1.0, 1.0, 2.0)
-    step = round_step(float((upper - lower).max()) / 50)
-    # What float32 leaves of a wall that is touched must not cost a whole step.
-    low, high = np.floor(lower / step + 1e-3) * step, np.ceil(upper / step - 1e-3) * step
-    return tuple(low.tolist()), tuple(high.tolist())
-
-
-def _real_time_fps(first: Frame, second: Frame) -> float:
-    between = second.time - first.time
-    return min(max(1.0 / between, 1.0), MOST_FPS) if between > 0 else 30.0
 
 
 def _import_av() -> Any:

@@ -281,12 +281,21 @@ BAD_OPTIONS = [
     ("color_range", ["1", "1"]),
     ("color_map", ["jet"]),
     ("camera", ["side"]),
+    ("orbit_period", ["0"]),
+    ("camera_position", ["1", "2", "far"]),
+    ("camera_target", ["1", "2", "3"]),
+    ("trajectory", ["run.xyz"]),
     ("quality", ["101"]),
 ]
 
 
 def test_each_parameter_is_among_the_wrong_ones():
-    assert {name for name, _ in BAD_OPTIONS} == set(PARAMETERS) - {"make_video", "report"}
+    assert {name for name, _ in BAD_OPTIONS} == set(PARAMETERS) - {
+        "make_video",
+        "make_frame_files",
+        "parquet",
+        "report",
+    }
 
 
 @pytest.mark.parametrize(
@@ -313,7 +322,7 @@ def test_a_wrong_option_gives_one_line_and_no_file(program, folder, name, words)
         (["run", "--radius", "1"], "requires 2 arguments"),
         (["run", "more"], "more"),
         (["run", "--drag", "1", "--damping", "0.5"], "drag: found 1 together with damping 0.5"),
-        (["render"], "Missing argument 'FOLDER'"),
+        (["render"], "Missing argument 'RUNS...'"),
         (["render", "nowhere"], "nowhere"),
         (["--test", "--threads", "x"], "threads: found 'x'"),
     ],
@@ -368,6 +377,7 @@ def test_a_full_disk_is_a_failure_that_leaves_whole_files(program, folder, monke
         "frame_00000004.txt",
         "ledger.csv",
         "output",
+        "run.json",
     ]
 
 

@@ -109,7 +109,7 @@ def test_own_parameters_show_range_and_default_and_ask_again(menu, tmp_path):
 
     assert ended(menu) == 0
     names = sorted(path.name for path in tmp_path.rglob("*"))
-    assert names == ["frame_00000003.txt", "frame_00000006.txt", "ledger.csv", "moon"]
+    assert names == ["frame_00000003.txt", "frame_00000006.txt", "ledger.csv", "moon", "run.json"]
 
 
 def test_all_parameters_with_answers_that_contradict(menu, tmp_path):
@@ -173,9 +173,9 @@ def test_device_information(menu):
 
 def test_live_view_ends_at_ctrl_c_and_comes_back(menu):
     menu.sendline("5")
-    answer(menu, r"Scene file or folder of a run \[quick demo\]: ", "nothing/here")
+    answer(menu, r"Scene or finished run \[quick demo\]: ", "nothing/here")
     menu.expect("does not exist")
-    answer(menu, r"Scene file or folder of a run \[quick demo\]: ", "")
+    answer(menu, r"Scene or finished run \[quick demo\]: ", "")
     menu.expect(r"http://127\.0\.0\.1:\d+/\?token=")
     menu.expect("Ctrl-C")
     menu.sendintr()

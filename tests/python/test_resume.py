@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import fastcollide as fc
+import numpy as np
 import pytest
 from fastcollide import checkpoints as checkpoints_module
 from fastcollide import cli, run
@@ -117,7 +118,8 @@ def test_without_frame_files_or_ledger(kill_at, capsys, solver):
     kill_at(33, [*few, "--checkpoint-every", "10", "--output", "killed"])
     assert cli.main(["resume", "killed"]) == 0
     assert state_hash(capsys) == expected
-    assert {path.name for path in Path("killed").iterdir()} == {"checkpoint_00000040.fcw", "checkpoint_00000050.fcw"}
+    left = {"checkpoint_00000040.fcw", "checkpoint_00000050.fcw", "run.json"}
+    assert {path.name for path in Path("killed").iterdir()} == left
 
 
 def test_checkpoints_change_nothing(capsys):
@@ -290,7 +292,7 @@ def test_the_folder_can_be_moved(kill_at, capsys, folder, monkeypatch):
     assert (folder / "there/end.png").is_file()
     assert (folder / "there/run/film.mp4").is_file()
     assert not (folder / "here").exists()
-    assert "made from the frame files" in capsys.readouterr().out
+    assert "made from the frames that were written" in capsys.readouterr().out
 
 
 def test_the_video_of_a_resumed_run_shows_all_frame_files(kill_at, capsys):
@@ -356,3 +358,127 @@ def test_killed_at_random_moments(solver):
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.startswith("4 kills")
+
+
+# --- Trajectories ---
+
+
+TRAJECTORIES = {"gsd": "gsd.fl", "vtkhdf": "h5py"}
+
+
+@pytest.fixture(params=TRAJECTORIES)
+def trajectory(request):
+    """The name of a file of each format."""
+    pytest.importorskip(TRAJECTORIES[request.param])
+    return f"run.{request.param}"
+
+
+def frames_in(path):
+    with fc.open(path) as run:
+        return [(f.frame, f.time, f.positions.tobytes(), f.velocities.tobytes(), f.spins.tobytes()) for f in run]
+
+
+@pytest.mark.parametrize("frame", [1, 8, 30, 49])
+def test_a_trajectory_goes_on(trajectory, kill_at, frame):
+    assert cli.main([*RUN, *OFTEN, "--output", "straight", "--trajectory", f"straight/{trajectory}"]) == 0
+    kill_at(frame, [*RUN, *OFTEN, "--output", "killed", "--trajectory", f"killed/{trajectory}"])
+    expected, part = frames_in(f"straight/{trajectory}"), Path("killed", trajectory)
+    assert [found[0] for found in expected] == list(range(3, 51, 3))
+    if frame >= 3:
+        assert frames_in(part) == expected[: frame // 3]
+    if frame == 30:
+        kill_at(29, ["resume", "killed"])
+        assert frames_in(part) == expected[:9]  # none of the run before
+    shutil.move("killed", "moved")
+    assert cli.main(["resume", "moved"]) == 0
+    assert frames_in(f"moved/{trajectory}") == expected
+    assert not [*Path("moved").glob("*.part")]
+
+
+def test_a_frame_that_a_kill_has_cut_is_not_there(trajectory, kill_at, monkeypatch, folder):
+    """The moments inside the writing of a frame that a kill in a test never meets."""
+    assert cli.main([*RUN, *OFTEN, "--output", "straight", "--trajectory", f"straight/{trajectory}"]) == 0
+    expected = frames_in(f"straight/{trajectory}")
+    if trajectory.endswith("vtkhdf"):  # a kill leaves no time to end the file
+        monkeypatch.setattr("fastcollide.vtkhdf_file.Writer.close", lambda self: self._file.close())
+    kill_at(30, [*RUN, *OFTEN, "--output", "killed", "--trajectory", f"killed/{trajectory}"])
+    monkeypatch.undo()
+    monkeypatch.chdir(folder)
+    path = Path("killed", trajectory)
+    if trajectory.endswith("gsd"):
+        import gsd.fl
+
+        with gsd.fl.open(path, "r+") as file:
+            file.write_chunk("configuration/step", file.read_chunk(0, "configuration/step"))
+            file.end_frame()
+            file.flush()
+            assert file.nframes == 11
+    else:
+        import h5py
+
+        with h5py.File(path, "r+") as file:
+            assert file["VTKHDF/Steps"].attrs["NSteps"] == 16
+            file["VTKHDF/Points"][1200:1260] = 7
+    path.with_name(path.name + ".part").write_bytes(b"half")
+    assert frames_in(path) == expected[:10]
+    assert cli.main(["resume", "killed"]) == 0
+    assert frames_in(path) == expected
+    assert not [*Path("killed").glob("*.part")]
+
+
+def test_vtkhdf_steps_that_were_not_reached_have_no_points(kill_at, monkeypatch, folder):
+    h5py = pytest.importorskip("h5py")
+    run = [*RUN, *OFTEN, "--trajectory", "run.vtkhdf"]
+    close = "fastcollide.vtkhdf_file.Writer.close"
+
+    def steps():
+        with h5py.File("run.vtkhdf") as file:
+            root = file["VTKHDF"]
+            times, counts = root["Steps/Values"][:], root["NumberOfPoints"][:]
+            assert len(times) == root["Steps"].attrs["NSteps"]
+            assert times == pytest.approx(np.arange(3, 3 * len(times) + 1, 3) / 60)
+            for kind in ("NumberOfCells", "NumberOfConnectivityIds"):
+                assert (root[f"Vertices/{kind}"][:] == counts).all()
+                assert not root[f"Lines/{kind}"][:].any()
+            return counts[: len(times)].tolist()
+
+    kill_at(30, run)  # an error, which leaves time to end the file
+    assert steps() == [120] * 10
+    with monkeypatch.context() as patch:
+        patch.setattr(close, lambda self: self._file.close())
+        kill_at(30, run)
+        assert steps() == [120] * 10 + [0] * 6
+        kill_at(29, ["resume", "output"])
+        assert steps() == [120] * 9 + [0] * 7
+    assert cli.main(["resume", "output"]) == 0
+    assert steps() == [120] * 16
+
+
+def test_a_trajectory_that_lacks_frames_is_named_and_nothing_touched(trajectory, kill_at, capsys):
+    kill_at(30, [*RUN, *OFTEN, "--output", "killed", "--trajectory", f"killed/{trajectory}"])
+    kill_at(6, [*RUN, *OFTEN, "--output", "short", "--trajectory", f"short/{trajectory}"])
+    shutil.copy(f"short/{trajectory}", f"killed/{trajectory}")
+    before = {path.name: path.read_bytes() for path in Path("killed").iterdir()}
+    assert cli.main(["resume", "killed"]) == 1
+    assert f"{trajectory}: found 2 frames; a run that goes on needs all 9 before it" in capsys.readouterr().err
+    Path("killed", trajectory).unlink()
+    del before[trajectory]
+    assert cli.main(["resume", "killed"]) == 1
+    assert f"{trajectory}: No such file or directory" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in Path("killed").iterdir()} == before
+
+
+def test_a_trajectory_alone_goes_on(trajectory, kill_at):
+    alone = [*RUN, *OFTEN, "--no-frame-files"]
+    assert cli.main([*alone, "--output", "straight", "--trajectory", f"straight/{trajectory}"]) == 0
+    kill_at(30, [*alone, "--output", "killed", "--trajectory", f"killed/{trajectory}"])
+    assert cli.main(["resume", "killed"]) == 0
+    assert frames_in(f"killed/{trajectory}") == frames_in(f"straight/{trajectory}")
+
+
+def test_a_resumed_run_writes_its_parquet(kill_at):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    kill_at(30, [*RUN, *OFTEN, "--output", "killed", "--parquet"])
+    assert not Path("killed/ledger.parquet").exists()
+    assert cli.main(["resume", "killed"]) == 0
+    assert parquet.read_table("killed/ledger.parquet")["frame"].to_pylist() == read_ledger("killed")["frame"].tolist()

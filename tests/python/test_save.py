@@ -14,6 +14,7 @@ from functools import partial
 import fastcollide as fc
 import numpy as np
 import pytest
+from fastcollide import files
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -457,3 +458,15 @@ def test_the_error_says_where_and_pickles(tiny, tmp_path):
 def test_a_folder_is_an_error_of_the_system(tmp_path):
     with pytest.raises(OSError, match=r"."):
         fc.World.load(tmp_path, device="cpu")
+
+
+def test_new_folders_outlive_a_power_cut(tmp_path, monkeypatch):
+    """The name of a folder lies in its parent: each parent of a new one is flushed."""
+    flushed = []
+    monkeypatch.setattr(files, "flush_folder", lambda folder: flushed.append(folder))
+    files.make_folder(tmp_path / "a" / "b" / "c")
+    assert (tmp_path / "a" / "b" / "c").is_dir()
+    assert {*flushed} == {tmp_path, tmp_path / "a", tmp_path / "a" / "b"}
+    flushed.clear()
+    files.make_folder(tmp_path / "a" / "b")
+    assert flushed == []

@@ -506,6 +506,7 @@ def test_options_of_the_run_go_before_the_scene(program):
         "frame_00000003.txt",
         "frame_00000006.txt",
         "ledger.csv",
+        "run.json",
     ]
     assert "for 6 frames" in output
     assert load(SMALL, "output.color_range=[0.0, 1.5]", "output.report=true").settings.report

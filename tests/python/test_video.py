@@ -4,12 +4,15 @@ import itertools
 import subprocess
 import sys
 from contextlib import suppress
+from pathlib import Path
 
 import fastcollide as fc
 import numpy as np
 import pytest
+from fastcollide import cli
 from fastcollide.frames import FrameError, frame_path, write_frame
-from fastcollide.video import VideoError, VideoWriter, render_folder, write_still
+from fastcollide.render_frames import render_folder
+from fastcollide.video import VideoError, VideoWriter, write_still
 from PIL import Image
 
 av = pytest.importorskip("av", reason="the extra [video] is not installed")
@@ -262,3 +265,99 @@ def test_a_single_frame_becomes_a_still(folder, tmp_path):
     assert render_folder(folder, still=tmp_path / "still.png", **SMALL) == 1
     assert Image.open(tmp_path / "still.png").size == (128, 96)
     assert not (tmp_path / "video.mp4").exists()
+
+
+# --- Several runs ---
+
+
+@pytest.fixture
+def runs(tmp_path):
+    """Two folders: one sphere that rises for 1 s, with 10 frames a second, and one for 0.6 s, with 5."""
+    for name, rate, seconds in (("fine", 10, 1.0), ("coarse", 5, 0.6)):
+        (tmp_path / name).mkdir()
+        for number in range(1, round(rate * seconds) + 1):
+            time = number / rate
+            write_frame(frame_path(tmp_path / name, number), number, time, [[0, 0, 1 + time]], [0.5])
+    return [tmp_path / "fine", tmp_path / "coarse"]
+
+
+def draws_of(runs, monkeypatch, **options):
+    """What reaches the renderers: size, height of the sphere, label and colour range, and the colour bars."""
+    drawn = []
+
+    def draw(self, positions, radii, values, title, time):
+        drawn.append((self.width, self._has_color_bar, title, time, positions[0][2], self.color_range))
+        return plain(self.width, self.height, 100)
+
+    monkeypatch.setattr("fastcollide.render.Renderer.draw", draw)
+    video = runs[0].parent / "video.mp4"
+    count = render_folder(runs, video=video, width=128, height=96, device="cpu", **options)
+    assert len(decode(video)[0]) == count
+    assert decode(video)[0][0].shape == (96, 128, 3)
+    return drawn, decode(video)[1]
+
+
+def test_runs_side_by_side_show_equal_times(runs, monkeypatch):
+    drawn, rate = draws_of(runs, monkeypatch, labels=["one", "two"])
+    assert float(rate) == pytest.approx(10)
+    fine = [each for each in drawn if each[2] == "one"]
+    coarse = [each for each in drawn if each[2] == "two"]
+    assert [round(time, 6) for _, _, _, time, _, _ in fine] == [i / 10 for i in range(1, 11)]
+    # Each is drawn once; before the first there is the first, and the last one stays.
+    assert [round(time, 6) for _, _, _, time, _, _ in coarse] == [0.2, 0.4, 0.6]
+    order = [(title, round(time, 6)) for _, _, title, time, _, _ in drawn]
+    assert order.index(("two", 0.4)) == order.index(("one", 0.4)) + 1
+    assert {each[:2] for each in fine} == {(64, False)}
+    assert {each[:2] for each in coarse} == {(64, True)}
+    assert all(height == pytest.approx(1 + time) for _, _, _, time, height, _ in drawn)
+    assert len({color_range for *_, color_range in drawn}) == 1
+
+
+def test_colours_mean_the_same_in_both(runs, monkeypatch):
+    for path in sorted(runs[1].iterdir()):
+        number = int(path.stem[-8:])
+        write_frame(path, number, number / 5, [[0, 0, 1 + 400 * number / 5]], [0.5])
+    drawn, _ = draws_of(runs, monkeypatch)
+    assert {color_range for *_, color_range in drawn} == {(0.0, 400.0)}
+
+
+def test_the_program_compares_runs(runs, capsys, monkeypatch):
+    monkeypatch.chdir(runs[0].parent)
+    small = ["--width", "640", "--height", "200", "--device", "cpu"]
+    assert cli.main(["render", "fine", "coarse", "--video", "both.mp4", "--still", "both.png", *small]) == 0
+    assert "pictures        10" in capsys.readouterr().out
+    both = np.asarray(Image.open("both.png"))
+    assert both.shape == (200, 640, 3)
+    assert (both[:, 319:321] == [200, 205, 212]).all(), "a line between them"
+    assert cli.main(["render", "fine", "coarse", "--label", "one", *small]) == 2
+    assert "label: found 1 for 2 runs; allowed: one for each, or none" in capsys.readouterr().err
+    assert cli.main(["render", "fine", "nowhere", *small]) == 2
+
+
+def test_the_box_and_speeds_of_a_run_are_its_own(tmp_path, monkeypatch):
+    pytest.importorskip("h5py")
+    monkeypatch.chdir(tmp_path)
+    run = ["run", "--particles", "30", "--frames", "6", "--bounds", "-3", "-3", "1", "3", "3", "7", "--no-video"]
+    assert cli.main([*run, "--output", "run", "--trajectory", "run/run.vtkhdf", "--device", "cpu"]) == 0
+    values, bounds = drawn_values(tmp_path / "run", monkeypatch, bounds=None)
+    assert bounds == ((-3, -3, 1), (3, 3, 7))
+    with fc.open("run") as frames:
+        assert values == pytest.approx(np.array([np.linalg.norm(frame.velocities, axis=1) for frame in frames]))
+
+
+def test_each_scene_gets_its_video(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    tool = Path(__file__).parent.parent.parent / "tools" / "make_videos.py"
+    Path("scenes").mkdir()
+    for name, count in (("few", 20), ("many", 30_000), ("other", 30)):
+        Path(f"scenes/{name}.toml").write_text(
+            f'[[spheres]]\nkind = "random"\ncount = {count}\n[run]\nframes = 4\n[expect]\nescaped = {{ max = 0 }}\n'
+        )
+    command = [sys.executable, tool, "--scenes", "scenes", "--width", "64", "--height", "64", "--most", "20000"]
+    assert subprocess.run(command, check=False).returncode == 0
+    assert sorted(path.name for path in Path("videos").glob("*.mp4")) == ["few.mp4", "other.mp4"]
+    assert len(decode("videos/few.mp4")[0]) == 2
+    assert "left out: many.toml, 30,000 spheres" in capfd.readouterr().out
+    Path("scenes/few.toml").write_text(Path("scenes/few.toml").read_text().replace("max = 0", "min = 1"))
+    failed = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert (failed.returncode, failed.stderr.splitlines()[-1]) == (1, "not as expected: few.toml")

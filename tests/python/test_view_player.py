@@ -4,12 +4,15 @@ import threading
 import time
 
 import fastcollide as fc
+import numpy as np
 import pytest
 from fastcollide.frames import frame_path, write_frame
 from fastcollide.ledger import LedgerWriter
+from fastcollide.scene import load_scene
 from fastcollide.view.finished import FinishedRun
 from fastcollide.view.live import LiveRun
 from fastcollide.view.messages import Conditions
+from fastcollide.view.moments import Box
 from fastcollide.view.player import MOST_ORDERS, Player
 from serve_view import live_run
 
@@ -189,7 +192,7 @@ def test_the_past_of_a_live_run_is_bounded():
 
 
 @pytest.fixture
-def folder(tmp_path):
+def run_folder(tmp_path):
     """A finished run of 8 frame files with a ledger."""
     world = live_run(50).world
     with LedgerWriter(tmp_path / "ledger.csv") as ledger:
@@ -200,8 +203,8 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_a_finished_run_is_its_files(folder, started):
-    run = FinishedRun(folder, ((-4, -4, 0), (4, 4, 8)))
+def test_a_finished_run_is_its_files(run_folder, started):
+    run = FinishedRun(run_folder, ((-4, -4, 0), (4, 4, 8)))
     player = started(run)
     world = live_run(50).world
     for index in range(8):
@@ -215,17 +218,40 @@ def test_a_finished_run_is_its_files(folder, started):
     assert "nothing of it can be changed" in done(player, lambda: player.change(Conditions(type="change", drag=0.5)))
 
 
-def test_a_finished_run_plays_to_its_end_and_again(folder, started):
-    player = started(FinishedRun(folder), is_playing=True)
+@pytest.mark.parametrize("suffix", [".gsd", ".vtkhdf"])
+def test_a_trajectory_knows_more_than_text(program, folder, suffix):
+    scene = "title = 'Two'\n[world]\nboundary = ['periodic', 'wall', 'wall']\ndrag = 0.0\n" + (
+        "[[spheres]]\nkind = 'random'\ncount = 50\nfriction = 0.5\n"
+    )
+    (folder / "two.toml").write_text(scene)
+    name = f"run{suffix}"
+    words = ["--frames", 6, "--fps", 30, "--export-every", 2, "--no-video", "--device", "cpu", "--output", "out"]
+    assert program("run", "two.toml", *words, "--trajectory", f"out/{name}")[0] == 0
+    world = load_scene(folder / "two.toml").create_world("cpu")
+    for path in ("out", f"out/{name}"):
+        run = FinishedRun(folder / path)
+        assert (len(run), run.fps) == (3, 30)
+        assert run.box == Box(world.bounds, ("periodic", "wall", "wall"))
+        assert run.moment(0).frame == 2
+        assert len(run.energies) == 7
+    world.step(6, dt=1 / 30)
+    moment = run.moment(2)
+    np.testing.assert_allclose(moment.positions, world.positions, atol=2e-6)  # those of GSD are shifted
+    np.testing.assert_array_equal(moment.velocities, world.velocities)
+    np.testing.assert_array_equal(run.sphere(7, moment)["spin"], world.spins[7])
+
+
+def test_a_finished_run_plays_to_its_end_and_again(run_folder, started):
+    player = started(FinishedRun(run_folder), is_playing=True)
     wait_until(lambda: not player.status.is_playing)
     assert player.shown.index == 7
     done(player, player.play)
     wait_until(lambda: player.shown.index < 7)
 
 
-def test_a_damaged_frame_is_told_and_the_others_can_be_seen(folder, started):
-    frame_path(folder, 8).write_text("# FastCollide frame, format 1\n")
-    player = started(FinishedRun(folder, ((-4, -4, 0), (4, 4, 8))))
+def test_a_damaged_frame_is_told_and_the_others_can_be_seen(run_folder, started):
+    frame_path(run_folder, 8).write_text("# FastCollide frame, format 1\n")
+    player = started(FinishedRun(run_folder, ((-4, -4, 0), (4, 4, 8))))
     complaint = done(player, lambda: player.seek(3))
     assert "frame_00000008.txt" in complaint
     assert done(player, lambda: player.seek(6)) is None

@@ -109,9 +109,9 @@ def test_a_port_in_use(scene, program):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("two.toml", "--bounds", 0, 0, 0, 1, 1, 1), "bounds: found them without a folder of frames"),
-        ((".", "--set", "world.drag=1"), "set: found it beside a folder"),
-        ((".", "--device", "cpu"), "device: found it beside a folder"),
+        (("two.toml", "--bounds", 0, 0, 0, 1, 1, 1), "bounds: found them without a finished run"),
+        ((".", "--set", "world.drag=1"), "set: found it beside a finished run"),
+        ((".", "--device", "cpu"), "device: found it beside a finished run"),
         (("--set", "world.drag=1"), "set: found it without a scene"),
         (("two.toml", "--set", "world.drag=-1"), "world.drag: found -1"),
         (("nowhere",), "nowhere"),

@@ -1,4 +1,4 @@
-"""A finished run, from the files in its folder."""
+"""A finished run, from the files that it has written."""
 
 from __future__ import annotations
 
@@ -9,52 +9,48 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcollide.frames import Frame, FrameError, frame_paths, read_frame
-from fastcollide.ledger import LEDGER_NAME, read_ledger
+import fastcollide as fc
+from fastcollide.frames import Frame
+from fastcollide.recording import Recording
 from fastcollide.render import Bounds
-from fastcollide.video import _bounds_of
+from fastcollide.render_frames import bounds_of_run
 from fastcollide.view.live import MOST_ENERGIES, PAST_BYTES, EnergyRow
 from fastcollide.view.messages import Conditions
 from fastcollide.view.moments import Box, Moment, Thinned
 
 
 class FinishedRun:
-    """The frame files of a folder, read when they are looked at, and the energies of its ledger.
+    """The frames of an output folder or a trajectory file, read when looked at, and the energies of the ledger.
 
-    bounds: the box [m]; None takes round numbers that hold the spheres, since frame files do not name it; past_bytes:
-    memory for frames that were read. Velocities are the way of each sphere since the frame file before, over the time
-    between the two; in the first one, until the next. Raises FrameError where the folder holds no frame file or one
-    that is not whole, LedgerError where its ledger is none, OSError where one cannot be read.
+    bounds: the box [m]; None takes that of the run or, where only frames are there, round numbers that hold the
+    spheres; past_bytes: memory for frames that were read. Where the frames have no velocities, they are the way of each
+    sphere since the frame before, over the time between the two; in the first one, until the next. Raises what
+    fastcollide.open() raises, and LedgerError where the ledger is none.
     """
 
     kind = "finished"
     device = None
-    fps = 60
 
-    def __init__(self, folder: Path, bounds: Bounds | None = None, past_bytes: int = PAST_BYTES) -> None:
-        self._paths = frame_paths(folder)
-        if not self._paths:
-            raise FrameError(f"{folder}: found no frame file; allowed: a folder of frame_00000001.txt and so on")
-        self.title = folder.resolve().name
-        self.box = Box(bounds or _bounds_of(self._paths), ("open",) * 3)
+    def __init__(self, path: Path, bounds: Bounds | None = None, past_bytes: int = PAST_BYTES) -> None:
+        self._run = fc.open(path)
+        self.title = path.resolve().name
+        self.fps: int = self._run.settings.get("fps", 60)
+        boundary = self._run.world.get("boundary", ("open",) * 3)
+        self.box = Box(bounds or self._run.bounds or bounds_of_run(self._run), tuple(boundary))
+        self._past_bytes = past_bytes
         self._kept: OrderedDict[int, Frame] = OrderedDict()
         self._radii: NDArray[np.float32] | None = None
-        self._past_bytes = past_bytes
-        self.energies = _energies_of(folder)
+        self.energies = _energies_of(self._run)
 
     def __len__(self) -> int:
-        return len(self._paths)
+        return len(self._run)
 
     def moment(self, index: int) -> Moment:
-        """The moment of a frame file. Raises FrameError, OSError."""
+        """The moment of a frame. Raises FrameError, OSError."""
         frame = self._frame(index)
-        neighbor = self._frame(index - 1 if index else min(1, len(self) - 1))
-        velocities = np.zeros_like(frame.positions)
-        both = min(len(frame.radii), len(neighbor.radii))
-        if frame.time != neighbor.time:
-            way = frame.positions[:both] - neighbor.positions[:both]
-            velocities[:both] = way / (frame.time - neighbor.time)
-        return Moment(frame.frame, frame.time, self.box, frame.positions, velocities, self._shared(frame.radii))
+        velocities = self._way(index, frame) if frame.velocities is None else frame.velocities
+        radii = self._shared(frame.radii)
+        return Moment(frame.frame, frame.time, self.box, frame.positions, velocities, radii, frame.spins)
 
     def time_of(self, index: int) -> float:
         """The time of a moment [s]."""
@@ -80,19 +76,26 @@ class FinishedRun:
         raise ValueError("this run is finished: nothing of it can be changed")
 
     def sphere(self, sphere: int, moment: Moment) -> dict[str, Any]:
-        """Frame files say no more than place and radius."""
-        return {}
+        """Frames say no more than place, motion and radius."""
+        return {} if moment.spins is None else {"spin": moment.spins[sphere].tolist()}
 
     def _frame(self, index: int) -> Frame:
         if index in self._kept:
             self._kept.move_to_end(index)
             return self._kept[index]
-        frame = read_frame(self._paths[index])
-        self._kept[index] = frame
-        most = max(3, self._past_bytes // max(1, 16 * len(frame.radii)))
+        frame = self._kept[index] = self._run[index]
+        most = max(3, self._past_bytes // max(1, 40 * len(frame.radii)))
         while len(self._kept) > most:
             self._kept.popitem(last=False)
         return frame
+
+    def _way(self, index: int, frame: Frame) -> NDArray[np.float32]:
+        neighbor = self._frame(index - 1 if index else min(1, len(self) - 1))
+        velocities = np.zeros_like(frame.positions)
+        both = min(len(frame.radii), len(neighbor.radii))
+        if frame.time != neighbor.time:
+            velocities[:both] = (frame.positions[:both] - neighbor.positions[:both]) / (frame.time - neighbor.time)
+        return velocities
 
     def _shared(self, radii: NDArray[np.float32]) -> NDArray[np.float32]:
         """The same array as before where the radii are the same, so that they are sent once."""
@@ -101,11 +104,13 @@ class FinishedRun:
         return self._radii
 
 
-def _energies_of(folder: Path) -> Thinned[EnergyRow]:
+def _energies_of(run: Recording) -> Thinned[EnergyRow]:
     rows: Thinned[EnergyRow] = Thinned(MOST_ENERGIES)
-    if (folder / LEDGER_NAME).exists():
-        ledger = read_ledger(folder)
-        columns = (ledger[name].tolist() for name in ("frame", "time_s", "kinetic_J", "rotational_J", "potential_J"))
-        for frame, *row in zip(*columns, strict=True):
-            rows.add(frame, lambda row=row: tuple(row))
+    try:
+        ledger = run.ledger
+    except FileNotFoundError:
+        return rows
+    columns = (ledger[name].tolist() for name in ("frame", "time_s", "kinetic_J", "rotational_J", "potential_J"))
+    for frame, *row in zip(*columns, strict=True):
+        rows.add(frame, lambda row=row: tuple(row))
     return rows

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING
 import tomlkit
 
 from fastcollide.console import EXIT_FINE, say
+from fastcollide.errors import MissingLibrary
 from fastcollide.parameters import InvalidSetting
-from fastcollide.plots import MissingLibrary
 from fastcollide.run import create_world
-from fastcollide.settings import QUICK_DEMO
+from fastcollide.settings import QUICK_DEMO, TRAJECTORY_SUFFIXES
 from fastcollide.view import HOST, PORT
 from fastcollide.view.access import Access, is_loopback
 from fastcollide.view.finished import FinishedRun
@@ -40,18 +40,19 @@ def run_to_view(
     threads: int | None = None,
     bounds: tuple[float, ...] | None = None,
 ) -> Run:
-    """What is to be seen: of a scene file, of a folder with frame files, or without either that of the quick demo.
+    """What is to be seen: of a scene file, of what a run has written, or without either that of the quick demo.
 
-    overrides, device and threads: of a scene; bounds: the box of a folder's frames. Raises InvalidSetting for one that
-    has no meaning there, and what load_scene(), Scene.create_world() or FinishedRun raise.
+    source: a scene, an output folder or a trajectory file; overrides, device and threads: of a scene; bounds: the box
+    of a finished run. Raises InvalidSetting for one that has no meaning there, and what load_scene(),
+    Scene.create_world() or FinishedRun raise.
     """
-    if source is not None and source.is_dir():
+    if source is not None and (source.is_dir() or source.suffix.lower() in TRAJECTORY_SUFFIXES):
         for name, value in (("set", overrides), ("device", device), ("threads", threads)):
             if value:
-                raise InvalidSetting(name, "it beside a folder", "beside a scene, which is simulated")
+                raise InvalidSetting(name, "it beside a finished run", "beside a scene, which is simulated")
         return FinishedRun(source, (bounds[:3], bounds[3:]) if bounds else None)
     if bounds:
-        raise InvalidSetting("bounds", "them without a folder of frames", "--set world.bounds=..., beside a scene")
+        raise InvalidSetting("bounds", "them without a finished run", "--set world.bounds=..., beside a scene")
     if source is None:
         if overrides:
             raise InvalidSetting("set", "it without a scene", "after the name of a scene file")
