@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastcollide.errors import InvalidValue
+from fastcollide.spheres import Bounds
 
-Bounds = tuple[tuple[float, float, float], tuple[float, float, float]]
 DEFAULT_ORBIT_PERIOD = 20.0  # s
 _FIELD_OF_VIEW = 24.0  # degrees, vertical
 _MARGIN = 0.09  # share of the picture kept free at each side

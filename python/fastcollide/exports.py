@@ -27,7 +27,7 @@ class Sink(Protocol):
 class Exports:
     """Takes frames of a world and writes them to all sinks while the world goes on::
 
-        with Exports(world, cast, sinks) as exports:
+        with Exports(cast, sinks) as exports:
             exports.add(world)
 
     A frame that cannot be written ends it: the error comes out of the next add() or drain(), and no later frame is

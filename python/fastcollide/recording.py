@@ -109,20 +109,22 @@ def open(path: str | os.PathLike[str]) -> Recording:
     """
     path = Path(path)
     if path.suffix.lower() in TRAJECTORY_SUFFIXES and not path.is_dir():
-        return _recording(path, open_reader(path), path.parent)
+        run = _about(path.parent)
+        is_its_own = any(_is_same(path.parent / name, path) for name in _trajectories(run))
+        return _recording(path, open_reader(path), path.parent, run if is_its_own else {})
     run = _about(path)
     missing: MissingLibrary | None = None
-    named = (path / name for name in run.get("settings", {}).get("trajectory") or ())
+    named = (path / name for name in _trajectories(run))
     for trajectory in sorted(named, key=lambda name: name.suffix.lower() != ".vtkhdf"):
         if trajectory.exists():
             try:
-                return _recording(trajectory, open_reader(trajectory), path)
+                return _recording(trajectory, open_reader(trajectory), path, run)
             except MissingLibrary as error:
                 missing = error
     paths = frame_paths(path)
     if not paths:
         raise missing or FrameError(f"{path}: found no frame file; allowed: a folder of frame_00000001.txt and so on")
-    return _recording(path, _FrameFileReader(paths), path)
+    return _recording(path, _FrameFileReader(paths), path, run)
 
 
 class _FrameFileReader:
@@ -149,8 +151,16 @@ class _FrameFileReader:
         pass
 
 
-def _recording(path: Path, source: Any, folder: Path) -> Recording:
-    return Recording(path, source, _about(folder), folder, range(source.count))
+def _recording(path: Path, source: TrajectoryReader, folder: Path, run: dict[str, Any]) -> Recording:
+    return Recording(path, source, run, folder, range(source.count))
+
+
+def _trajectories(run: dict[str, Any]) -> Sequence[str]:
+    return run.get("settings", {}).get("trajectory") or ()
+
+
+def _is_same(path: Path, other: Path) -> bool:
+    return path.resolve() == other.resolve()
 
 
 def _about(folder: Path) -> dict[str, Any]:

@@ -121,7 +121,7 @@ def _open_exports(world: fc.World, settings: SimulationSettings, done: int) -> E
     """Where the frames go. done: frames of an earlier run that are kept."""
     cast = cast_of(world)
     sinks: list[Sink] = [FrameFiles(settings.output, cast)] if settings.writes_frame_files else []
-    frames = range(settings.export_every, settings.frames + 1, settings.export_every or 1)
+    frames = range(settings.export_every, settings.frames + 1, settings.export_every)
     for path in settings.trajectory or ():
         sinks.append(open_writer(path, cast, frames, settings.exports(done)))
     return Exports(cast, sinks)
@@ -168,7 +168,9 @@ def simulate(
         if settings.writes_frame_files:
             replaced = remove_frames(settings.output, after=first_frame if is_continued else -1)
             frame_files = settings.exports(first_frame)
-        exports = stack.enter_context(_open_exports(world, settings, first_frame if is_continued else 0))
+        exports = None
+        if settings.export_every:
+            exports = stack.enter_context(_open_exports(world, settings, first_frame if is_continued else 0))
         ledger = None
         if settings.ledger_interval:
             kept = [*filter(settings.is_ledger_due, range(first_frame + 1))] if is_continued else None
@@ -180,7 +182,7 @@ def simulate(
             if checkpoints:
                 if ledger:
                     ledger.flush()
-                checkpoints.write(world, exports.drain())
+                checkpoints.write(world, exports.drain() if exports else ())
 
         if not is_continued:
             write_checkpoint()
@@ -189,7 +191,7 @@ def simulate(
             rate = (world.frame - first_frame) / step_seconds if step_seconds else 0.0
             world.step(_frames_at_once(settings, world.frame, rate), dt=settings.dt)
             step_seconds += time.perf_counter() - step_started
-            if settings.is_export_due(world.frame):
+            if exports and settings.is_export_due(world.frame):
                 exports.add(world)
                 frame_files += settings.writes_frame_files
             if ledger and settings.is_ledger_due(world.frame):
@@ -206,7 +208,8 @@ def simulate(
         if ledger and not settings.is_ledger_due(world.frame):  # stopped early
             ledger.add(world)
         painter.finish()
-        exports.drain()
+        if exports:
+            exports.drain()  # an error now, before what follows says that all went well
         if settings.parquet:
             write_parquet(settings.output / PARQUET_NAME, read_ledger(settings.output))
     return RunSummary(

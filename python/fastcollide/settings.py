@@ -239,7 +239,7 @@ class SimulationSettings(PictureSettings):
         return self.export_every > 0 or self.ledger_interval > 0 or self.checkpoint_every > 0
 
     def exports(self, frame: int) -> int:
-        """How many frames have been written after this one."""
+        """How many frames are written up to this one."""
         return frame // self.export_every if self.export_every else 0
 
     @property

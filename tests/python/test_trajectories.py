@@ -295,6 +295,15 @@ def test_what_cannot_be_opened_is_named():
         fc.open("empty")
 
 
+def test_a_file_beside_another_run_takes_nothing_from_it():
+    simulate()
+    assert cli.main([*RUN, "--output", "other", "--trajectory", "out/other.gsd", "--frames", "4"]) == 0
+    with fc.open("out/run.gsd") as run:
+        assert run.settings["frames"] == 20
+    with fc.open("out/other.gsd") as run:
+        assert (len(run), run.bounds, run.settings) == (2, None, {})
+
+
 def test_a_moved_folder_opens():
     simulate()
     shutil.move("out", "elsewhere")
