@@ -4,6 +4,7 @@ import threading
 import time
 
 import fastcollide as fc
+import numpy as np
 import pytest
 from fastcollide.frames import frame_path, write_frame
 from fastcollide.ledger import LedgerWriter
@@ -213,6 +214,15 @@ def test_a_finished_run_is_its_files(folder, started):
         )
         assert run.energies[index] == (world.time, *world.energy())
     assert "nothing of it can be changed" in done(player, lambda: player.change(Conditions(type="change", drag=0.5)))
+
+
+def test_where_frames_have_no_velocities_they_are_the_way_between_two(folder):
+    run = FinishedRun(folder)
+    moments = [run.moment(index) for index in range(3)]
+    for moment, before, after in ((0, 0, 1), (1, 0, 1), (2, 1, 2)):
+        way = moments[after].positions - moments[before].positions
+        np.testing.assert_allclose(moments[moment].velocities, way * 30, rtol=1e-5)  # two frames of 1/60 s
+    assert np.abs(moments[0].velocities).max() > 1
 
 
 def test_a_finished_run_plays_to_its_end_and_again(folder, started):
