@@ -218,6 +218,15 @@ def test_a_finished_run_is_its_files(run_folder, started):
     assert "nothing of it can be changed" in done(player, lambda: player.change(Conditions(type="change", drag=0.5)))
 
 
+def test_where_frames_have_no_velocities_they_are_the_way_between_two(run_folder):
+    run = FinishedRun(run_folder)
+    moments = [run.moment(index) for index in range(3)]
+    for moment, before, after in ((0, 0, 1), (1, 0, 1), (2, 1, 2)):
+        way = moments[after].positions - moments[before].positions
+        np.testing.assert_allclose(moments[moment].velocities, way * 30, rtol=1e-5)  # two frames of 1/60 s
+    assert np.abs(moments[0].velocities).max() > 1
+
+
 @pytest.mark.parametrize("suffix", [".gsd", ".vtkhdf"])
 def test_a_trajectory_knows_more_than_text(program, folder, suffix):
     scene = "title = 'Two'\n[world]\nboundary = ['periodic', 'wall', 'wall']\ndrag = 0.0\n" + (

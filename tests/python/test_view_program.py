@@ -77,6 +77,13 @@ def test_a_folder(frames):
         assert frames.name in shown
 
 
+def test_a_trajectory_file(folder, program):
+    words = ["--particles", 5, "--frames", 2, "--no-video", "--device", "cpu", "--trajectory", "run.gsd"]
+    assert program("run", *words)[0] == 0
+    with viewing("run.gsd", "--port", 0) as (_, _, shown):
+        assert "run.gsd" in shown
+
+
 @pytest.mark.parametrize("command", re.findall(r"^    fastcollide view (.+)$", PAGE, flags=re.MULTILINE))
 def test_the_commands_of_the_page_about_it(frames, command):
     words = command.replace("scenes/", f"{ROOT}/scenes/").replace("FOLDER", str(frames)).split()
