@@ -191,7 +191,6 @@ void bind_world(nb::module_& m) {
       .def("set_drag", &World::set_drag, nb::call_guard<nb::gil_scoped_release>())
       .def("set_floor_restitution", &World::set_floor_restitution, nb::call_guard<nb::gil_scoped_release>())
       .def("set_wall_friction", &World::set_wall_friction, nb::call_guard<nb::gil_scoped_release>())
-      .def("set_rolling_friction", &World::set_rolling_friction, nb::call_guard<nb::gil_scoped_release>())
       .def("set_restitution", &World::set_restitution, nb::call_guard<nb::gil_scoped_release>())
       .def("set_friction", &World::set_friction, nb::call_guard<nb::gil_scoped_release>())
       .def_prop_ro("count", [](const World& world) { return without_gil([&] { return world.count(); }); })

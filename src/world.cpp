@@ -112,9 +112,6 @@ void World::set_floor_restitution(float floor_restitution) {
 void World::set_wall_friction(float wall_friction) {
   change([&](WorldOptions& options) { options.wall_friction = wall_friction; });
 }
-void World::set_rolling_friction(float rolling_friction) {
-  change([&](WorldOptions& options) { options.rolling_friction = rolling_friction; });
-}
 
 void World::set_restitution(float restitution) {
   const Turn turn(*engine_);

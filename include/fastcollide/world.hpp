@@ -94,7 +94,6 @@ class World {
   void set_drag(double drag);
   void set_floor_restitution(float floor_restitution);
   void set_wall_friction(float wall_friction);
-  void set_rolling_friction(float rolling_friction);
   // The same for all spheres there are.
   void set_restitution(float restitution);
   void set_friction(float friction);

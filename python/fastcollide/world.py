@@ -296,16 +296,6 @@ class World:
         self._world.set_wall_friction(wall_friction)
         self._options["wall_friction"] = wall_friction
 
-    @property
-    def rolling_friction(self) -> float:
-        """Rolling resistance, see World; can be set."""
-        return self._options["rolling_friction"]
-
-    @rolling_friction.setter
-    def rolling_friction(self, rolling_friction: float) -> None:
-        self._world.set_rolling_friction(rolling_friction)
-        self._options["rolling_friction"] = rolling_friction
-
     def set_restitution(self, restitution: float) -> None:
         """Gives all spheres the same restitution, on the device; for one each, see restitutions.
 

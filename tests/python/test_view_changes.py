@@ -17,7 +17,6 @@ def test_a_changed_world_goes_on_as_one_that_was_made_so(device):
         "drag": 0.5,
         "floor_restitution": 0.9,
         "wall_friction": 0.2,
-        "rolling_friction": 0.1,
     }
     changed, made = falling_world(device), fc.World(device=device, **conditions)
     made.add(position=[(0, 0, 10), (3, 0, 10)], radius=0.2, restitution=0.9, friction=0.3)
@@ -70,7 +69,6 @@ def test_a_change_is_saved(device, tmp_path):
         ("drag", -1.0, "drag: found -1"),
         ("floor_restitution", 1.5, "floor_restitution: found 1.5"),
         ("wall_friction", -0.1, "wall_friction: found -0.1"),
-        ("rolling_friction", float("inf"), "rolling_friction: found inf"),
     ],
 )
 def test_a_bad_value_is_refused_and_the_old_one_stays(device, name, value, message):
