@@ -98,4 +98,4 @@ def _view() -> int:
         show_default=False,
         value_proc=lambda text: click.Path(exists=True, path_type=Path)(text) if text else None,
     )
-    return view_and_report(run_to_view(source))
+    return view_and_report(run_to_view(source), port=0)
