@@ -61,6 +61,7 @@ class Writer:
             file.write_chunk("particles/diameter", 2 * cast.radii)
             file.write_chunk("particles/mass", cast.masses)
             file.write_chunk("particles/moment_inertia", np.repeat(self._moment[:, None], 3, axis=1))
+            file.write_chunk("log/bounds", np.array(cast.bounds, float))
             file.write_chunk("log/box_middle", self._middle.astype(float))
             file.write_chunk("log/is_periodic", self._is_periodic.astype(np.uint8))
         file.write_chunk("particles/position", positions)
@@ -100,10 +101,14 @@ class Reader:
 
     def read(self, i: int) -> Frame:
         spins = self._chunk(i, _SPIN) if self._file.chunk_exists(i, _SPIN) else None
+        positions = (self._chunk(i, "particles/position") + self._chunk(0, "log/box_middle")).astype(np.float32)
+        # A world's positions are in [lower, upper) along a periodic axis; rounding must not take them out.
+        lower, upper = self._chunk(0, "log/bounds").astype(np.float32)
+        is_outside = (self._chunk(0, "log/is_periodic") != 0) & ((positions < lower) | (positions >= upper))
         return Frame(
             frame=int(self._chunk(i, "configuration/step")[0]),
             time=self.times[i],
-            positions=(self._chunk(i, "particles/position") + self._chunk(0, "log/box_middle")).astype(np.float32),
+            positions=np.where(is_outside, lower, positions),
             radii=self._chunk(0, "particles/diameter") / 2,
             velocities=self._chunk(i, "particles/velocity"),
             spins=spins,

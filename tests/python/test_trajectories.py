@@ -379,6 +379,25 @@ def test_a_scene_names_its_trajectories():
         assert run.path == Path("scene/../three.gsd")
 
 
+def test_rounding_takes_nothing_out_of_a_periodic_box():
+    lower, upper = np.float32(1.4), np.float32(273.4)  # 1.4 comes back as 1.3999939
+    world = fc.World(bounds=((lower,) * 3, (upper,) * 3), boundary="periodic", gravity=(0, 0, 0), device="cpu")
+    places = [lower, np.nextafter(lower, upper), np.nextafter(upper, lower)]
+    world.add(position=[[place] * 3 for place in places], radius=0.4, mass=np.inf)
+    cast = cast_of(world)
+    with Exports(cast, [open_writer(Path("run.gsd"), cast, [1])]) as trajectory:
+        world.step()
+        trajectory.add(world)
+    with gsd_hoomd.open("run.gsd") as file, fc.open("run.gsd") as run:
+        box = file[0].configuration.box[:3]
+        assert (np.abs(file[0].particles.position) <= box / 2).all()
+        assert (run[0].positions >= lower).all()
+        assert (run[0].positions < upper).all()
+        difference = np.abs(run[0].positions - world.positions)
+        assert np.minimum(difference, upper - lower - difference).max() < 4e-5
+        fc.find_contacts(run[0].positions, run[0].radii, bounds=world.bounds, boundary="periodic")
+
+
 def test_fixed_spheres_have_no_moment_to_turn():
     world = fc.World(device="cpu")
     world.add(position=[[0, 0, 5], [2, 0, 5]], radius=0.5, mass=[np.inf, 2.0], spin=[[0, 0, 3], [0, 0, 3]])
