@@ -32,14 +32,6 @@ def test_contacts_are_those_of_the_world(boundary):
         assert moment.touching(sphere) == sorted(touched.tolist())
 
 
-def test_what_a_file_has_rounded_beyond_a_periodic_end():
-    box = Box(((0, 0, 0), (4, 4, 4)), ("periodic", "open", "wall"))
-    positions = np.array([(4.000001, 5, 1), (0.1, 5, 1), (-1e-6, -3, 1)], np.float32)
-    moment = Moment(0, 0.0, box, positions, positions, np.full(3, 0.2, np.float32))
-    assert moment.contact_counts.tolist() == [1, 1, 0]
-    assert moment.touching(0) == [1]
-
-
 def test_speeds():
     world = fc.World(device="cpu")
     world.add(position=[(0, 0, 5), (5, 5, 5)], velocity=[(3, 0, 4), (0, 0, 0)], radius=0.5)

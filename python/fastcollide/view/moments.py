@@ -50,30 +50,21 @@ class Moment:
         return np.sqrt(np.einsum("ij,ij->i", self.velocities, self.velocities))
 
     @cached_property
-    def _inside(self) -> NDArray[np.float32]:
-        """The positions, of which a file's rounding must put none beyond a periodic end."""
-        is_periodic = np.array([end == "periodic" for end in self.box.boundary])
-        if not is_periodic.any():
-            return self.positions
-        lower, upper = np.array(self.box.bounds, np.float32)
-        return np.where(is_periodic, np.clip(self.positions, lower, upper), self.positions)
-
-    @cached_property
     def contact_counts(self) -> NDArray[np.float32]:
         """How many spheres each one overlaps, shape (n,); found when first asked for."""
         counts = fc.find_contacts(
-            self._inside, self.radii, bounds=self.box.bounds, boundary=self.box.boundary, output="counts"
+            self.positions, self.radii, bounds=self.box.bounds, boundary=self.box.boundary, output="counts"
         )
         return counts.astype(np.float32)
 
     def touching(self, sphere: int) -> list[int]:
         """The spheres that this one overlaps, in the order of their ids."""
         found = fc.find_contacts(
-            self._inside[sphere : sphere + 1],
+            self.positions[sphere : sphere + 1],
             self.radii[sphere : sphere + 1],
             bounds=self.box.bounds,
             boundary=self.box.boundary,
-            other_positions=self._inside,
+            other_positions=self.positions,
             other_radii=self.radii,
             output="pairs",
         )
