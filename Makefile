@@ -86,7 +86,7 @@ clean:
 	@echo "== Building and installing fastcollide (about a minute)"
 	@SKBUILD_BUILD_DIR=build/package \
 	SKBUILD_CMAKE_DEFINE="FASTCOLLIDE_BUILD_TESTS=ON;FASTCOLLIDE_CUDA=$(FASTCOLLIDE_CUDA);FASTCOLLIDE_CUDA_ARCHITECTURES=$(subst ;, ,$(FASTCOLLIDE_CUDA_ARCHITECTURES))" \
-	  pip install --quiet --no-build-isolation ".[files,plot,video,test]"
+	  pip install --quiet --no-build-isolation ".[files,plot,video,view,test]"
 	@python -c 'import fastcollide; cuda = fastcollide.build_info().cuda; print("== Built", f"for CUDA {cuda}" if cuda else "without CUDA")'
 	@touch $@
 

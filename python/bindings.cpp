@@ -188,11 +188,18 @@ void bind_world(nb::module_& m) {
           nb::kw_only(), "position"_a, "velocity"_a, "radius"_a, "mass"_a, "restitution"_a, "frame"_a, "start_frame"_a,
           "start_time"_a, "dt"_a, "fast_spheres"_a, "fastest_flight"_a, "fastest_dt"_a, "spin"_a.none() = nb::none(),
           "friction"_a.none() = nb::none(), "crowding"_a.none() = nb::none())
+      .def("set_gravity", &World::set_gravity, nb::call_guard<nb::gil_scoped_release>())
+      .def("set_drag", &World::set_drag, nb::call_guard<nb::gil_scoped_release>())
+      .def("set_floor_restitution", &World::set_floor_restitution, nb::call_guard<nb::gil_scoped_release>())
+      .def("set_wall_friction", &World::set_wall_friction, nb::call_guard<nb::gil_scoped_release>())
+      .def("set_restitution", &World::set_restitution, nb::call_guard<nb::gil_scoped_release>())
+      .def("set_friction", &World::set_friction, nb::call_guard<nb::gil_scoped_release>())
       .def_prop_ro("count", [](const World& world) { return without_gil([&] { return world.count(); }); })
       .def_prop_ro("frame", [](const World& world) { return without_gil([&] { return world.frame(); }); })
       .def_prop_ro("time", [](const World& world) { return without_gil([&] { return world.time(); }); })
       .def_prop_ro("device", [](const World& world) { return world.device(); })
       .def_prop_ro("device_name", &World::device_description)
+      .def_prop_ro("has_spin", [](const World& world) { return without_gil([&] { return world.has_spin(); }); })
       .def_prop_ro("positions",
                    [](World& world) { return share<float>(without_gil([&] { return world.positions(); })); })
       .def_prop_ro("velocities",

@@ -91,7 +91,12 @@ class Engine {
   virtual void save(WorldState& state) = 0;
   virtual void restore(const WorldState& state) = 0;
   virtual std::int64_t step(std::int64_t frames, double dt, const std::function<bool()>& go_on) = 0;
+  // Of a running world: what it says of gravity, drag and walls, but neither box nor solver.
+  virtual void change_options(const WorldOptions& options) = 0;
+  // The same value for all spheres.
+  virtual void fill(Field field, float value) = 0;
   virtual std::int64_t count() const = 0;
+  virtual bool has_spin() const = 0;
   virtual ArrayView array(Field field) = 0;
   virtual ContactArrays contacts() = 0;
   virtual std::int64_t contact_count() = 0;
@@ -218,7 +223,18 @@ class EngineOn final : public Engine {
     return frames;
   }
 
+  void change_options(const WorldOptions& options) override { options_ = options; }
+
+  void fill(Field field, float value) override {
+    const ArrayView view = array(field);
+    const std::vector<float> values(static_cast<std::size_t>(count()), value);
+    backend_.copy_to_device(static_cast<float*>(view.data), values.data(), count());
+    backend_.synchronize();
+  }
+
   std::int64_t count() const override { return bodies_.count(); }
+
+  bool has_spin() const override { return bodies_.is_rough; }
 
   ArrayView array(Field field) override {
     switch (field) {

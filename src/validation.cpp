@@ -127,6 +127,14 @@ void check_spheres(const Spheres& spheres, const WorldOptions& options) {
   }
 }
 
+void check_restitution(float restitution) { require(between(restitution, 0, 1), "restitution", restitution, "0 to 1"); }
+
+void check_friction(float friction, const WorldOptions& options) {
+  require(between(friction, 0, largest_friction), "friction", friction, "0 to 1e6");
+  require(friction == 0 || options.solver != Solver::reference, "friction", friction,
+          "0: the reference solver has no friction of spheres");
+}
+
 void check_world_state(const WorldState& state, const WorldOptions& options) {
   const auto count = static_cast<std::int64_t>(state.spheres.radius.size());
   check_count(count);

@@ -15,6 +15,9 @@ inline bool between(double x, double low, double high) { return x >= low && x <=
 void check_count(std::int64_t spheres);
 void check_options(const WorldOptions& options);
 void check_spheres(const Spheres& spheres, const WorldOptions& options);
+// Of all spheres of a world.
+void check_restitution(float restitution);
+void check_friction(float friction, const WorldOptions& options);
 void check_world_state(const WorldState& state, const WorldOptions& options);
 void check_random(const RandomSpheres& random);
 

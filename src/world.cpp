@@ -89,6 +89,44 @@ void World::restore(const WorldState& state) {
   engine_->flights = FlightRecord(state);
 }
 
+template <class Change>
+void World::change(Change change_options) {
+  const Turn turn(*engine_);
+  require_rest(*engine_);
+  WorldOptions changed = options_;
+  change_options(changed);
+  check_options(changed);
+  engine_->change_options(changed);
+  options_ = changed;
+}
+
+void World::set_gravity(const std::array<float, 3>& gravity) {
+  change([&](WorldOptions& options) { options.gravity = gravity; });
+}
+void World::set_drag(double drag) {
+  change([&](WorldOptions& options) { options.drag = drag; });
+}
+void World::set_floor_restitution(float floor_restitution) {
+  change([&](WorldOptions& options) { options.floor_restitution = floor_restitution; });
+}
+void World::set_wall_friction(float wall_friction) {
+  change([&](WorldOptions& options) { options.wall_friction = wall_friction; });
+}
+
+void World::set_restitution(float restitution) {
+  const Turn turn(*engine_);
+  require_rest(*engine_);
+  check_restitution(restitution);
+  engine_->fill(Field::restitution, restitution);
+}
+
+void World::set_friction(float friction) {
+  const Turn turn(*engine_);
+  require_rest(*engine_);
+  check_friction(friction, options_);
+  engine_->fill(Field::friction, friction);
+}
+
 std::int64_t World::count() const {
   const Turn turn(*engine_);
   return engine_->count();
@@ -102,6 +140,11 @@ std::int64_t World::frame() const {
 double World::time() const {
   const Turn turn(*engine_);
   return engine_->clock.time();
+}
+
+bool World::has_spin() const {
+  const Turn turn(*engine_);
+  return engine_->has_spin();
 }
 
 const std::string& World::device() const { return engine_->device_name; }

@@ -90,12 +90,24 @@ class World {
   WorldState save();
   void restore(const WorldState& state);
 
+  // What a world may change between two frames; checked as at its start. Errors: InvalidValue, and nothing is changed.
+  void set_gravity(const std::array<float, 3>& gravity);
+  void set_drag(double drag);
+  void set_floor_restitution(float floor_restitution);
+  void set_wall_friction(float wall_friction);
+  // The same for all spheres there are.
+  void set_restitution(float restitution);
+  void set_friction(float friction);
+
   std::int64_t count() const;
   std::int64_t frame() const;  // frames done
   double time() const;         // [s]
   const std::string& device() const;
   std::string device_description() const;
   const WorldOptions& options() const;
+
+  // Whether there is memory for spins and frictions: once some sphere has them, or they were asked for.
+  bool has_spin() const;
 
   // In the order of the ids; after add() a view may be an old copy.
   ArrayView positions();     // (count, 3) float32 [m]
@@ -125,6 +137,8 @@ class World {
 
  private:
   ArrayView array(Field field);
+  template <class Change>
+  void change(Change change_options);
 
   WorldOptions options_;
   std::unique_ptr<Engine> engine_;

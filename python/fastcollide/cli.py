@@ -29,6 +29,7 @@ from fastcollide.positional import ORDER, is_positional, parse_positional
 from fastcollide.report_table import test_and_report
 from fastcollide.selftest import selftest as run_selftest
 from fastcollide.settings import PARAMETERS, QUICK_DEMO, RENDER_PARAMETERS, PictureSettings, RunSettings
+from fastcollide.view import HOST, PORT
 
 
 def _positional_usage() -> str:
@@ -185,6 +186,29 @@ def render(runs: tuple[Path, ...], labels: tuple[str, ...], bounds: Any, **value
     """Make a video of RUNS, which are output folders or trajectory files; several are shown side by side."""
     corners = (bounds[:3], bounds[3:]) if bounds else None
     return render_and_report(runs, corners, PictureSettings(**_given(values)), labels)
+
+
+@commands.command()
+@click.argument("source", required=False, metavar="[SCENE|RUN]", type=click.Path(exists=True, path_type=Path))
+@_set_option
+@_options({name: PARAMETERS[name] for name in ("device", "threads")} | {"bounds": RENDER_PARAMETERS["bounds"]})
+@click.option(
+    "--host", default=HOST, show_default=True, metavar="ADDRESS", help="Listen on; 0.0.0.0 is all of a network."
+)
+@click.option(
+    "--port", default=PORT, show_default=True, type=click.IntRange(0, 65535), help="Port; 0 takes one that is free."
+)
+@click.option("--no-browser", is_flag=True, help="Only show the address; open no browser.")
+def view(source: Path | None, host: str, port: int, no_browser: bool, **values: Any) -> int:
+    """Watch spheres in a web browser: those of SCENE, as they are simulated and steered, or those of a finished RUN, an
+    output folder or a trajectory file.
+
+    Without either: the spheres of the quick demo. Ends at Ctrl-C.
+    """
+    from fastcollide.view.program import run_to_view, view_and_report
+
+    run = run_to_view(source, **_given(values))
+    return view_and_report(run, host, port, opens_browser=not no_browser)
 
 
 @commands.command()

@@ -16,7 +16,7 @@ from rich.text import Text
 
 import fastcollide as fc
 from fastcollide.checkpoints import Checkpoints
-from fastcollide.errors import MissingLibrary, SceneError
+from fastcollide.errors import MissingLibrary, SceneError, ViewError
 from fastcollide.frames import FrameError
 from fastcollide.ledger import LEDGER_NAME, LedgerError, read_ledger
 from fastcollide.parameters import InvalidSetting
@@ -90,6 +90,7 @@ def guard(action: Callable[[], int]) -> int:
         fc.DeviceError,
         fc.SimulationError,
         VideoError,
+        ViewError,
     ) as error:
         fail(str(error))
     except MemoryError as error:

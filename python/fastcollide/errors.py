@@ -59,3 +59,7 @@ class SceneError(ValueError):
     def __init__(self, messages: Sequence[str]) -> None:
         self.messages = tuple(messages)
         super().__init__("\n".join(messages))
+
+
+class ViewError(RuntimeError):
+    """The live page cannot be served; the message says why and what to do."""

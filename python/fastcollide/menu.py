@@ -26,7 +26,8 @@ def show_menu() -> int:
         "2": ("Run with your own parameters", lambda: run_and_report(_ask_all())),
         "3": ("Performance test", lambda: test_and_report(device=None, threads=None, as_json=False)),
         "4": ("Render a folder of frames", _render),
-        "5": ("Device information", print_info),
+        "5": ("Live view in a browser", _view),
+        "6": ("Device information", print_info),
     }
     try:
         while True:
@@ -86,3 +87,15 @@ def _render() -> int:
         type=click.Path(exists=True, file_okay=False, path_type=Path),
     )
     return render_and_report([folder], None, PictureSettings(video=ask(PARAMETERS["video"])))
+
+
+def _view() -> int:
+    from fastcollide.view.program import run_to_view, view_and_report
+
+    source = click.prompt(
+        "Scene or finished run [quick demo]",
+        default="",
+        show_default=False,
+        value_proc=lambda text: click.Path(exists=True, path_type=Path)(text) if text else None,
+    )
+    return view_and_report(run_to_view(source), port=0)

@@ -65,7 +65,7 @@ def render_folder(
         edges = [round(i * width / len(runs)) for i in range(len(runs) + 1)]
         panels = []
         for i, run in enumerate(runs):
-            box = bounds or run.bounds or _bounds_of(run)
+            box = bounds or run.bounds or bounds_of_run(run)
             renderer = Renderer(
                 box,
                 width=edges[i + 1] - edges[i],
@@ -170,7 +170,7 @@ def _beside_each_other(pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint
     return picture
 
 
-def _bounds_of(run: Recording) -> Bounds:
+def bounds_of_run(run: Recording) -> Bounds:
     """A box with round corners that holds the spheres of a few frames, the first and the last among them."""
     chosen = np.unique(np.linspace(0, len(run) - 1, 6).round().astype(int))
     lower, upper = np.full(3, np.inf), np.full(3, -np.inf)

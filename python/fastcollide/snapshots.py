@@ -47,14 +47,12 @@ class Snapshot:
 
 def cast_of(world: World) -> Cast:
     """What stays the same in the frames of this world."""
-    options = world._options
     return Cast(
         bounds=world.bounds,
-        boundary=options["boundary"],
+        boundary=world.boundary,
         radii=_copy(world.radii),
         masses=_copy(world.masses),
-        # Asking a world for spins makes room for them.
-        has_spin="spin" in world._world.save(),
+        has_spin=world.has_spin,
     )
 
 

@@ -251,6 +251,64 @@ class World:
         return self._world.time
 
     @property
+    def boundary(self) -> tuple[str, str, str]:
+        """What happens at the ends of the box, for each axis."""
+        return self._options["boundary"]
+
+    @property
+    def gravity(self) -> tuple[float, float, float]:
+        """Acceleration [m/s²]. Like drag and the properties of the walls it can be set between two frames; raises
+        InvalidValue where the new value is out of range, and the old one stays."""
+        return tuple(self._options["gravity"])
+
+    @gravity.setter
+    def gravity(self, gravity: tuple[float, float, float]) -> None:
+        three = _three("gravity", gravity)
+        self._world.set_gravity(three)
+        self._options["gravity"] = three
+
+    @property
+    def drag(self) -> float:
+        """Air drag γ [1/s], see World; can be set."""
+        return self._options["drag"]
+
+    @drag.setter
+    def drag(self, drag: float) -> None:
+        self._world.set_drag(drag)
+        self._options["drag"] = drag
+
+    @property
+    def floor_restitution(self) -> float:
+        """Restitution of the lower z wall; can be set."""
+        return self._options["floor_restitution"]
+
+    @floor_restitution.setter
+    def floor_restitution(self, floor_restitution: float) -> None:
+        self._world.set_floor_restitution(floor_restitution)
+        self._options["floor_restitution"] = floor_restitution
+
+    @property
+    def wall_friction(self) -> float:
+        """Coulomb friction coefficient of all walls; can be set."""
+        return self._options["wall_friction"]
+
+    @wall_friction.setter
+    def wall_friction(self, wall_friction: float) -> None:
+        self._world.set_wall_friction(wall_friction)
+        self._options["wall_friction"] = wall_friction
+
+    def set_restitution(self, restitution: float) -> None:
+        """Gives all spheres the same restitution, on the device; for one each, see restitutions.
+
+        Raises InvalidValue where it is out of range.
+        """
+        self._world.set_restitution(restitution)
+
+    def set_friction(self, friction: float) -> None:
+        """Gives all spheres the same Coulomb friction coefficient; see set_restitution."""
+        self._world.set_friction(friction)
+
+    @property
     def device(self) -> str:
         """Where the world lives: "cpu" or "cuda:N"."""
         return self._world.device
@@ -287,6 +345,11 @@ class World:
     def restitutions(self) -> Any:
         """Restitution of each sphere, float32, shape (n,); a pair uses the smaller of its two. See positions."""
         return self._world.restitutions
+
+    @property
+    def has_spin(self) -> bool:
+        """Whether there is memory for spins and frictions: some sphere came with them, or they were asked for."""
+        return self._world.has_spin
 
     @property
     def spins(self) -> Any:

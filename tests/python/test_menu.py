@@ -39,7 +39,15 @@ def ended(terminal):
 
 
 def test_it_lists_what_it_can_do(menu):
-    for title in ("Quick demo: 10,000 spheres, 5 s", "own parameters", "Performance test", "Render", "Device", "Quit"):
+    for title in (
+        "Quick demo: 10,000 spheres, 5 s",
+        "own parameters",
+        "Performance test",
+        "Render",
+        "Live view",
+        "Device",
+        "Quit",
+    ):
         assert title in menu.before
 
 
@@ -156,8 +164,19 @@ def test_render_asks_for_a_folder_that_is_there(menu, tmp_path):
 
 
 def test_device_information(menu):
-    menu.sendline("5")
+    menu.sendline("6")
     menu.expect(r"cpu +\S+")
     answer(menu, CHOICE, "q")
 
     assert ended(menu) == 0
+
+
+def test_live_view_ends_at_ctrl_c_and_comes_back(menu):
+    menu.sendline("5")
+    answer(menu, r"Scene or finished run \[quick demo\]: ", "nothing/here")
+    menu.expect("does not exist")
+    answer(menu, r"Scene or finished run \[quick demo\]: ", "")
+    menu.expect(r"http://127\.0\.0\.1:\d+/\?token=")
+    menu.expect("Ctrl-C")
+    menu.sendintr()
+    menu.expect(CHOICE)
