@@ -53,10 +53,23 @@ class ContactFinder:
     """The searches of this module with memory that is kept from call to call: for many calls in a row.
 
     threads: of the CPU (None: all). It searches where the arrays lie. Threads that share a finder take turns.
+    skin: a length, for spheres that move little from call to call. The finder then keeps candidates: all pairs whose
+    surfaces are less than `skin` beyond the margin. As long as no two spheres can have come closer by more than that,
+    which each call checks where the arrays lie, later calls look at the candidates alone; else the list is made anew.
+    Positions, radii and margin may change freely: the result is that of a new search, bit for bit. The list of one set
+    of spheres (or pair of sets) is kept at a time, and one of two kinds: of pairs once (contacts, pairs, counts,
+    total) or of the neighbours of each. 0 keeps none.
+
+    Raises InvalidValue for a wrong skin.
     """
 
-    def __init__(self, threads: int | None = None) -> None:
-        self._finder = _core.ContactFinder(threads or 0)
+    def __init__(self, threads: int | None = None, skin: float = 0.0) -> None:
+        self._finder = _core.ContactFinder(threads or 0, _number("skin", skin))
+
+    @property
+    def reuses(self) -> int:
+        """How many calls have looked at kept candidates alone."""
+        return int(self._finder.reuses)
 
     def find_contacts(
         self,
