@@ -11,6 +11,7 @@ from fastcollide import _core
 from fastcollide.arrays_in import ArrayIn, array_in, current_stream, like
 from fastcollide.errors import InvalidValue
 from fastcollide.spheres import Bounds, corners
+from fastcollide.uncompiled import uncompiled
 from fastcollide.world import Contacts
 
 OUTPUTS = ("contacts", "pairs", "neighbors", "counts", "total")
@@ -71,6 +72,7 @@ class ContactFinder:
         """How many calls have looked at kept candidates alone."""
         return int(self._finder.reuses)
 
+    @uncompiled
     def find_contacts(
         self,
         positions: Any,
@@ -104,6 +106,7 @@ class ContactFinder:
             return _neighbors(model, self._finder.neighbors(*arguments, False, False, False, _NO_LIMIT))
         return Contacts(*(like(model, array) for array in self._finder.contacts(*arguments)))
 
+    @uncompiled
     def find_neighbors(
         self,
         points: Any,
@@ -145,6 +148,7 @@ class ContactFinder:
         return _neighbors(search.model, found)
 
 
+@uncompiled
 def find_contacts(
     positions: Any,
     radii: Any,
@@ -195,6 +199,7 @@ def find_contacts(
     )
 
 
+@uncompiled
 def find_neighbors(
     points: Any,
     radius: float,
