@@ -11,6 +11,7 @@
 #include "engine_interface.hpp"
 #include "free_memory.hpp"
 #include "kept_candidates.hpp"
+#include "result_memory.hpp"
 #include "rows_of_neighbors.hpp"
 
 namespace fastcollide::search {
@@ -41,8 +42,7 @@ class ContactEngineOn final : public ContactEngine {
     return with_type(input, [&]<class T>(Sources<T>& sources) {
       const Turn turn(backend_, input.options.cuda_stream);
       auto problem = prepare<T>(input);
-      Buffer<std::int64_t> counts(backend_);
-      counts.resize(input.spheres.positions.rows);
+      Buffer<std::int64_t>& counts = totals_.take(input.spheres.positions.rows);
       backend_.fill_zero(counts.data(), counts.size());
       if (!problem.is_empty) {
         with_source(problem, sources, Rows::once,
@@ -57,18 +57,16 @@ class ContactEngineOn final : public ContactEngine {
       const Turn turn(backend_, input.options.cuda_stream);
       auto problem = prepare<T>(input);
       const std::int64_t rows = input.spheres.positions.rows;
-      Buffer<std::int32_t> first(backend_), second(backend_);
-      Buffer<T> gap(backend_);
-      Buffer<Point<T>> normal(backend_);
-      const std::int64_t total = find(problem, sources, Rows::once, rows, offsets_, second, &first, input.options);
-      if (is_measured) {
-        gap.resize(total);
-        normal.resize(total);
-        backend_.for_each(
-            total, MeasureContacts<T>{problem.problem.spheres, problem.problem.targets, problem.problem.reach.period,
-                                      problem.common_radii, total, first.data(), second.data(), gap.data(), normal.data()});
-      }
-      return ContactList{view(first, 0), view(second, 0), view(gap, 0), view(normal, 3)};
+      offsets_.resize(rows + 1);
+      const auto [second, first] = find(problem, sources, Rows::once, rows, offsets_, true, input.options);
+      if (!is_measured) return ContactList{view(*first, 0), view(*second, 0), {}, {}};
+      const std::int64_t total = first->size();
+      Buffer<T>& gap = sources.reals.take(total);
+      Buffer<Point<T>>& normal = sources.points.take(total);
+      backend_.for_each(total, MeasureContacts<T>{problem.problem.spheres, problem.problem.targets,
+                                                  problem.problem.reach.period, problem.common_radii, total,
+                                                  first->data(), second->data(), gap.data(), normal.data()});
+      return ContactList{view(*first, 0), view(*second, 0), view(gap, 0), view(normal, 3)};
     });
   }
 
@@ -77,50 +75,46 @@ class ContactEngineOn final : public ContactEngine {
       const Turn turn(backend_, input.options.cuda_stream);
       auto problem = prepare<T>(input);
       const std::int64_t rows = input.spheres.positions.rows;
-      Buffer<std::int64_t> offsets(backend_);
-      Buffer<std::int32_t> columns(backend_);
-      Buffer<T> distances(backend_);
-      offsets.resize(rows + 1);
-      find(problem, sources, Rows::both, rows, offsets, columns, nullptr, input.options);
-      NeighborList found;
+      Buffer<std::int64_t>* offsets = &totals_.take(rows + 1);
+      Buffer<std::int32_t>* columns =
+          find(problem, sources, Rows::both, rows, *offsets, false, input.options).columns;
+      Buffer<T>* distances = nullptr;
       const std::int64_t shortened =
           list.most_neighbors == std::numeric_limits<std::int64_t>::max()
               ? 0
-              : backend_.transform_reduce(rows, CountShortened{offsets.data(), list.most_neighbors}, std::int64_t(0),
+              : backend_.transform_reduce(rows, CountShortened{offsets->data(), list.most_neighbors}, std::int64_t(0),
                                           Sum{});
-      found.shortened_rows = shortened;
       if (list.keep_distances || list.sort_by_distance || shortened > 0) {
-        distances.resize(columns.size());
+        distances = &sources.reals.take(columns->size());
         backend_.for_each(
             rows, MeasureDistances<T>{problem.problem.spheres, problem.problem.targets, problem.problem.reach.period,
-                                      list.is_squared, offsets.data(), columns.data(), distances.data()});
+                                      list.is_squared, offsets->data(), columns->data(), distances->data()});
       }
       const auto sort = [&](bool by_distance) {
-        backend_.for_each(rows, SortNeighbors<T>{by_distance, offsets.data(), columns.data(), distances.data()});
+        backend_.for_each(rows, SortNeighbors<T>{by_distance, offsets->data(), columns->data(), distances->data()});
       };
       if (list.sort_by_distance || shortened > 0) sort(true);
+      // Views hold the longer rows while they are copied, so that none of their memory is taken for the shorter ones.
+      NeighborList found{view(*offsets, 0), view(*columns, 0), {}, shortened};
+      if (distances != nullptr) found.distances = view(*distances, 0);
       if (shortened > 0) {
-        Buffer<std::int64_t> shorter(backend_);
-        Buffer<std::int32_t> kept_columns(backend_);
-        Buffer<T> kept_distances(backend_);
-        shorter.resize(rows + 1);
-        backend_.for_each(rows, ShortenRows{offsets.data(), list.most_neighbors, shorter.data()});
+        Buffer<std::int64_t>& shorter = totals_.take(rows + 1);
+        backend_.for_each(rows, ShortenRows{offsets->data(), list.most_neighbors, shorter.data()});
         backend_.exclusive_scan(shorter.data(), rows);
         std::int64_t total = 0;
         backend_.copy_to_host(&total, static_cast<const std::int64_t*>(shorter.data()) + rows, 1);
-        kept_columns.resize(total);
-        kept_distances.resize(total);
-        backend_.for_each(rows, CopyRows<T>{offsets.data(), shorter.data(), columns.data(), distances.data(),
+        Buffer<std::int32_t>& kept_columns = indices_.take(total);
+        Buffer<T>& kept_distances = sources.reals.take(total);
+        backend_.for_each(rows, CopyRows<T>{offsets->data(), shorter.data(), columns->data(), distances->data(),
                                             kept_columns.data(), kept_distances.data()});
         backend_.synchronize();  // before the longer rows go
-        std::swap(offsets, shorter);
-        std::swap(columns, kept_columns);
-        std::swap(distances, kept_distances);
+        offsets = &shorter;
+        columns = &kept_columns;
+        distances = &kept_distances;
+        found = {view(*offsets, 0), view(*columns, 0), view(*distances, 0), shortened};
         if (!list.sort_by_distance) sort(false);
       }
-      found.offsets = view(offsets, 0);
-      found.indices = view(columns, 0);
-      if (list.keep_distances) found.distances = view(distances, 0);
+      if (!list.keep_distances) found.distances = {};
       return found;
     });
   }
@@ -157,13 +151,15 @@ class ContactEngineOn final : public ContactEngine {
     double largest_reach() const { return of_spheres.most_size + of_targets.most_size; }
   };
 
-  // What finds pairs.
+  // What finds pairs, and where results of this type go.
   template <class T>
   struct Sources {
-    explicit Sources(B& backend) : searcher(backend), kept(backend) {}
+    explicit Sources(B& backend) : searcher(backend), kept(backend), reals(backend), points(backend) {}
 
     Searcher<T> searcher;
     KeptCandidates<B, T> kept;
+    ResultMemory<B, T> reals;
+    ResultMemory<B, Point<T>> points;
   };
 
   template <class Call>
@@ -212,14 +208,25 @@ class ContactEngineOn final : public ContactEngine {
     return {buffer.data(), buffer.size(), columns, backend_.cuda_device(), buffer.share()};
   }
 
+  struct Found {
+    Buffer<std::int32_t>*columns, *row_of_each;
+  };
+
+  // offsets: of the rows, one more than rows.
   template <class T>
-  std::int64_t find(Prepared<T>& prepared, Sources<T>& sources, Rows rows, std::int64_t row_count,
-                    Buffer<std::int64_t>& offsets, Buffer<std::int32_t>& columns, Buffer<std::int32_t>* row_of_each,
-                    const SearchOptions& options) {
-    offsets.resize(row_count + 1);
+  Found find(Prepared<T>& prepared, Sources<T>& sources, Rows rows, std::int64_t row_count,
+             Buffer<std::int64_t>& offsets, bool with_row_of_each, const SearchOptions& options) {
+    Found found{};
+    const auto allocate = [&](std::int64_t total) {
+      found.columns = &indices_.take(total);
+      const std::shared_ptr<void> held = found.columns->share();  // or the rows would get the same memory
+      if (with_row_of_each) found.row_of_each = &indices_.take(total);
+      return Columns{found.columns->data(), with_row_of_each ? found.row_of_each->data() : nullptr};
+    };
     if (prepared.is_empty) {
       backend_.fill_zero(offsets.data(), row_count + 1);
-      return 0;
+      allocate(0);
+      return found;
     }
     const auto refuse_if_too_many = [&](std::int64_t total) {
       if (total > options.most_contacts) {
@@ -228,13 +235,17 @@ class ContactEngineOn final : public ContactEngine {
       }
       refuse_beyond_memory<T>(total);
     };
-    return with_source(prepared, sources, rows, [&](auto& source) {
+    with_source(prepared, sources, rows, [&](auto& source) {
       return source.find(prepared.problem, rows, offsets.data(), refuse_if_too_many, [&](std::int64_t total) {
-        columns.resize(total);
-        if (row_of_each != nullptr) row_of_each->resize(total);
-        return Columns{columns.data(), row_of_each == nullptr ? nullptr : row_of_each->data()};
+        try {
+          return allocate(total);
+        } catch (const OutOfMemory& error) {  // which of a GPU's words says how many
+          throw OutOfMemory("contacts: found " + std::to_string(total) + "; allowed: as many as fit into the memory (" +
+                            error.what() + "; the total and the counts need no list)");
+        }
       });
     });
+    return found;
   }
 
   template <class T>
@@ -392,7 +403,9 @@ class ContactEngineOn final : public ContactEngine {
   std::int64_t reuses_ = 0;
   Sources<float> in_single_{backend_};
   Sources<double> in_double_{backend_};
-  Buffer<std::int64_t> offsets_{backend_};
+  ResultMemory<B, std::int32_t> indices_{backend_};
+  ResultMemory<B, std::int64_t> totals_{backend_};
+  Buffer<std::int64_t> offsets_{backend_};  // where nobody asks for them
 };
 
 }  // namespace fastcollide::search

@@ -102,6 +102,32 @@ def test_results_outlive_their_finder(expected):
     assert pairs(found) == expected
 
 
+@pytest.mark.parametrize("output", ["contacts", "neighbors", "counts"])
+def test_memory_of_results_serves_again_but_never_while_held(device, output):
+    finder, to = fc.ContactFinder(), np.asarray if device == "cpu" else pytest.importorskip("cupy").asarray
+    fields = {"contacts": ("first", "second", "gap", "normal"), "neighbors": ("offsets", "indices"), "counts": ()}[output]
+
+    def arrays_of(found):
+        return [getattr(found, field) for field in fields] or [found]
+
+    def search(step):
+        return arrays_of(finder.find_contacts(to(POSITION * (1 + 0.01 * step)), to(RADIUS), output=output))
+
+    def address(array):
+        return array.ctypes.data if device == "cpu" else array.data.ptr
+
+    held, bytes_of, places = [], [], set()
+    for step in range(12):
+        found = search(step)
+        places |= {address(array) for array in found}
+        if step % 2:  # every other result is kept: one whole, one as a part of each array
+            held += found if step % 4 == 1 else [array[2:] for array in found]
+            bytes_of += [fc.to_numpy(array).tobytes() for array in held[len(bytes_of) :]]
+        del found
+    assert [fc.to_numpy(array).tobytes() for array in held] == bytes_of
+    assert len(places) < 12 * len(search(0))  # the others' memory has served again
+
+
 def test_a_finder_serves_any_input(expected):
     finder = fc.ContactFinder()
     for _ in range(2):
