@@ -219,9 +219,19 @@ def test_the_end_of_a_period_is_no_jump(form, dtype):
     assert crossed > 5
     assert len(found) > 3
     assert 5 < both.reuses < 11
-    # Another period is another problem, though nothing has moved.
-    both.contacts(position, radius, outputs=["contacts"], bounds=((0, 0, 0), (6.5, 6, 6)), boundary=box["boundary"])
-    assert both.contacts(position, radius, outputs=["contacts"]) > 300
+
+
+@each_type
+def test_another_period_is_another_problem_though_nothing_moves(form, dtype):
+    position, radius, _ = cloud(dtype)
+    both = Both(form, 0.05)
+    found = [
+        both.contacts(position, radius, outputs=["pairs"], bounds=((0, 0, 0), (length, 7, 7)), boundary="periodic")
+        for length in (7, 6.1, 6, 7)
+    ]
+    both.contacts(position, radius, outputs=["pairs"])
+    assert found[0] < found[1] < found[2]
+    assert both.reuses == 0
 
 
 def test_a_period_too_short_for_the_skin_is_searched_anew(form):
