@@ -14,6 +14,14 @@
 
 namespace fastcollide::search {
 
+FC_HOST_DEVICE inline int lowest_bit_of(std::uint64_t bits) {
+#if defined(__CUDA_ARCH__)
+  return __ffsll(static_cast<long long>(bits)) - 1;
+#else
+  return std::countr_zero(bits);
+#endif
+}
+
 // The farthest that one of some spheres has gone, and the most that one has grown.
 struct Stray {
   double squared_distance = 0, growth = 0;
@@ -101,19 +109,29 @@ struct Candidates {
   const std::uint32_t *first_slots, *second_slots, *ranks;
 };
 
-template <class T>
+template <class T, bool has_radii, bool is_periodic>
 struct SiftCandidates {
+  Groups groups;
   Candidates candidates;
   Places<T> spheres, targets;
   Reach reach;
   std::uint8_t* is_hit;  // by rank
 
-  FC_HOST_DEVICE void operator()(std::int64_t k) const {
-    const std::uint32_t i = candidates.first_slots[k], j = candidates.second_slots[k];
-    const double squared = squared_length(nearest_offset(spheres.positions[i], targets.positions[j], reach.period));
-    const T radius_i = spheres.radii == nullptr ? T(0) : spheres.radii[i];
-    const T radius_j = targets.radii == nullptr ? T(0) : targets.radii[j];
-    is_hit[candidates.ranks[k]] = is_near_enough(squared, radius_i, radius_j, reach) ? 1 : 0;
+  FC_HOST_DEVICE void operator()(std::int64_t group) const {
+    // A byte that is written might be one of these for all that a compiler knows, so it would read them again each time.
+    const Candidates held = candidates;
+    const Places<T> from = spheres, to = targets;
+    const Reach within = reach;
+    std::uint8_t* const flags = is_hit;
+    const std::int64_t end = groups.end(group);
+    for (std::int64_t k = groups.begin(group); k < end; ++k) {
+      const std::uint32_t i = held.first_slots[k], j = held.second_slots[k];
+      const Point<T> a = from.positions[i], b = to.positions[j];
+      const Point<double> offset = is_periodic ? nearest_offset(a, b, within.period) : offset_between(a, b, {0, 0, 0});
+      const T radius_a = has_radii && from.radii != nullptr ? from.radii[i] : T(0);
+      const T radius_b = has_radii && to.radii != nullptr ? to.radii[j] : T(0);
+      flags[held.ranks[k]] = is_near_enough(squared_length(offset), radius_a, radius_b, within) ? 1 : 0;
+    }
   }
 };
 
@@ -138,12 +156,14 @@ struct WriteHits {
   Columns to;
 
   FC_HOST_DEVICE void operator()(std::int64_t group) const {
-    std::int64_t place = places[group];
-    for (std::int64_t rank = groups.begin(group); rank < groups.end(group); ++rank) {
-      if (is_hit[rank] == 0) continue;
+    const std::int64_t begin = groups.begin(group), end = groups.end(group);
+    std::uint64_t hits = 0;
+    for (std::int64_t rank = begin; rank < end; ++rank) hits |= std::uint64_t(is_hit[rank]) << (rank - begin);
+    // From one hit to the next, without a guess for each candidate.
+    for (std::int64_t place = places[group]; hits != 0; hits &= hits - 1, ++place) {
+      const std::int64_t rank = begin + lowest_bit_of(hits);
       to.columns[place] = columns[rank];
       if (to.rows != nullptr) to.rows[place] = rows[rank];
-      ++place;
     }
   }
 };
@@ -269,7 +289,7 @@ class KeptCandidates {
     bool has_ids = false, has_radii = false;
   };
 
-  // A CPU likes long groups; a thread of a GPU reads as many flags as fill a sector of memory.
+  // A CPU likes long groups; the threads of a GPU read side by side, and as many flags as fill a sector of memory.
   static constexpr bool is_gpu = B::list_width > 1;
   static constexpr std::int64_t spheres_in_group = is_gpu ? 1 : 64, candidates_in_group = is_gpu ? 32 : 64;
 
@@ -320,14 +340,27 @@ class KeptCandidates {
                                               second_slots_.data()});
   }
 
+  template <bool has_radii, bool is_periodic>
+  void mark(const Problem<T>& problem) {
+    const Places<T> spheres = spheres_.places_now(), targets = is_one_set_ ? spheres : targets_.places_now();
+    const Groups groups{count_, spheres_in_group};
+    backend_.for_each(groups.groups(), SiftCandidates<T, has_radii, is_periodic>{
+                                           groups,
+                                           {first_slots_.data(), second_slots_.data(), ranks_.data()},
+                                           spheres,
+                                           targets,
+                                           problem.reach,
+                                           is_hit_.data()});
+  }
+
   // Marks the candidates within reach, where spheres are now, and numbers them; returns how many there are.
   std::int64_t sift(const Problem<T>& problem) {
-    const Places<T> spheres = spheres_.places_now(), targets = is_one_set_ ? spheres : targets_.places_now();
-    backend_.for_each(count_, SiftCandidates<T>{{first_slots_.data(), second_slots_.data(), ranks_.data()},
-                                                spheres,
-                                                targets,
-                                                problem.reach,
-                                                is_hit_.data()});
+    const bool has_radii = problem.spheres.radii != nullptr || problem.targets.radii != nullptr;
+    if (period_.is_any()) {
+      has_radii ? mark<true, true>(problem) : mark<false, true>(problem);
+    } else {
+      has_radii ? mark<true, false>(problem) : mark<false, false>(problem);
+    }
     backend_.for_each(groups().groups(), CountHits{groups(), is_hit_.data(), places_.data()});
     backend_.exclusive_scan(places_.data(), groups().groups());
     std::int64_t total = 0;

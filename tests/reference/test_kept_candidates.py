@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from reference.gpu_finder import no_gpu
 
 TYPES = [np.float32, np.float64]
 each_type = pytest.mark.parametrize("dtype", TYPES, ids=lambda dtype: dtype.__name__)
@@ -14,7 +15,6 @@ ONCE, OF_EACH = ("contacts", "pairs", "counts", "total"), ("neighbors",)
 FIELDS = {
     "contacts": ("first", "second", "gap", "normal"), "pairs": ("first", "second"), "neighbors": ("offsets", "indices"),
 }  # fmt: skip
-no_gpu = pytest.mark.skipif(len(fc.devices()) == 1, reason="no GPU that this build can use")
 
 
 @pytest.fixture(scope="module", params=["fast", "generic", pytest.param("cuda", marks=no_gpu)])
