@@ -325,6 +325,25 @@ def test_a_list_that_does_not_fit_into_the_memory_is_refused():
     assert fc.find_contacts(position, 0.25, output="total") == 2_147_516_416
 
 
+def test_more_pairs_than_32_bits_can_count_on_a_gpu(gpu):
+    position = on_gpu(np.full((65_537, 3), 1.5, np.float32))
+    assert fc.find_contacts(position, 0.25, output="total") == 2_147_516_416
+    assert (fc.to_numpy(fc.find_contacts(position, 0.25, output="counts")) == 65_536).all()
+
+
+def test_a_list_that_does_not_fit_on_a_gpu_is_refused(gpu):
+    cupy = pytest.importorskip("cupy")
+    position = on_gpu(np.full((20_000, 3), 1.5, np.float32))
+    cupy.get_default_memory_pool().free_all_blocks()
+    finder = fc.ContactFinder()
+    assert len(finder.find_contacts(position[:4], 0.25)) == 6
+    occupied = cupy.cuda.memory.Memory(cupy.cuda.runtime.memGetInfo()[0] - 2**29)
+    with pytest.raises(fc.OutOfMemory, match=r"contacts: found 199990000; allowed: .* are free"):
+        finder.find_contacts(position, 0.25)
+    assert len(finder.find_contacts(position[:4], 0.25)) == 6
+    del occupied
+
+
 def test_a_failed_search_leaves_the_finder_whole(expected):
     finder = fc.ContactFinder()
     for _ in range(3):
