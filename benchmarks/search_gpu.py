@@ -4,8 +4,8 @@
                                     [--repeats 5] [--seconds 220] [--note TEXT]
 
 Random spheres at 30 % of the volume, of one size or 1:8 with equal volume in each octave (N:8), in CuPy arrays; the
-answers are CuPy arrays. Each time is that of the whole call from Python, until the GPU is idle: the median of the repeats
-after one to warm up. What the plain cell list answers must be the same: the number at any size, each index up to
+answers are CuPy arrays. Each time is that of the whole call from Python, until the GPU is idle: the median of the
+repeats after one to warm up. What the plain cell list answers must be the same: the number at any size, each index up to
 1,000,000 spheres. Where Warp is installed, its HashGrid is measured, too. A size that does not fit into the memory is
 said and left out, and so is what would begin after --seconds. Writes search_gpu.csv and search_gpu.json; exit code 1
 where two answers differ.
@@ -38,8 +38,8 @@ SKIN = 0.1  # of the smallest radius, for the search that keeps candidates
 
 @dataclass(frozen=True)
 class Row:
-    """One search on one cloud. entries: pairs, or entries of all rows; roof_share: model bytes over the time, as a share
-    of the measured copy bandwidth; bytes_a_sphere: memory that the call holds afterwards, its result included."""
+    """One search on one cloud. entries: pairs, or entries of all rows; roof_share: model bytes over the time, as a
+    share of the measured copy bandwidth; bytes_a_sphere: memory that the call holds afterwards, its result included."""
 
     search: str
     output: str
@@ -172,7 +172,9 @@ def told(row: Row) -> str:
         return f"{what} {row.remark}"
     ratio = f"{row.times_fastcollide:8.2f}x" if row.times_fastcollide else " " * 9
     roof = f"{100 * row.roof_share:5.1f} % of the roof" if row.roof_share else ""
-    return f"{what} {row.entries:>12,} {row.ms:10.3f} ms {ratio} {roof} {row.bytes_a_sphere} bytes a sphere {row.remark}"
+    return (
+        f"{what} {row.entries:>12,} {row.ms:10.3f} ms {ratio} {roof} {row.bytes_a_sphere} bytes a sphere {row.remark}"
+    )
 
 
 def check_same(cupy: Any, case: tuple[int, int], name: str, ours: Any, theirs: Any) -> None:
@@ -219,7 +221,7 @@ def run_case(bench: Bench, case: tuple[int, int]) -> None:
     del plain_found
     warp = warp_search(position, radius, side)
     if warp is not None:
-        _, warp_found = bench.measure("Warp, HashGrid", "pairs", case, lambda: warp, pairs)
+        _, warp_found = bench.measure("Warp, HashGrid", "pairs", case, lambda search=warp: search, pairs)
         if found is not None and warp_found is not None and abs(warp_found - len(found)) > 2e-5 * len(found):
             raise DifferentAnswers(f"Warp, {case}: found {warp_found:,}; expected: {len(found):,}")
     del found, warp
@@ -328,8 +330,8 @@ def main() -> int:
         common = {"device": device.description, "copy_gb_s": round((bandwidth or 0) / 1e9, 1)}
         lines = [common | asdict(row) | {"version": fc.__version__, "note": given.note} for row in bench.rows]
         content = common | {
-            "version": fc.__version__, "note": given.note, "fault": fault, "model": " ".join(model_bytes.__doc__.split()),
-            "searches": [asdict(row) for row in bench.rows],
+            "version": fc.__version__, "note": given.note, "fault": fault,
+            "model": " ".join(str(model_bytes.__doc__).split()), "searches": [asdict(row) for row in bench.rows],
         }  # fmt: skip
         write_table(given.output, "search_gpu", lines, content)
     print(f"{time.perf_counter() - started:.0f} s", flush=True)

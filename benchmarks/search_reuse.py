@@ -1,10 +1,12 @@
-"""What a finder with a skin saves on a CPU: a new search beside one that looks at kept candidates, and beside one that makes
-the list of candidates.
+"""What a finder with a skin saves on a CPU: a new search beside one that looks at kept candidates, and beside one that
+makes the list of candidates.
 
-    python benchmarks/search_reuse.py [--sizes 100000,1000000] [--threads 1] [--repeats 9] [--output FOLDER] [--note TEXT]
+    python benchmarks/search_reuse.py [--sizes 100000,1000000] [--threads 1] [--repeats 9] [--output FOLDER]
+                                      [--note TEXT]
 
-Random spheres of one radius at 30 % of the volume, in no order; the skin in radii. Processor time of whole calls, the median of
-interleaved repeats: what else the machine does disturbs it little. Writes search_reuse.csv and search_reuse.json.
+Random spheres of one radius at 30 % of the volume, in no order; the skin in radii. Processor time of whole calls, the
+median of interleaved repeats: what else the machine does disturbs it little. Writes search_reuse.csv and
+search_reuse.json.
 """
 
 import argparse
@@ -22,9 +24,9 @@ SKINS = (0.05, 0.1, 0.2, 0.4)
 OUTPUTS = ("pairs", "contacts", "neighbors")
 
 
-def milliseconds(call) -> float:
+def milliseconds(finder: fc.ContactFinder, position, output: str) -> float:
     started = time.process_time()
-    call()
+    finder.find_contacts(position, 1.0, output=output)
     return 1e3 * (time.process_time() - started)
 
 
@@ -37,9 +39,9 @@ def measure(position, output: str, skin: float, threads: int, repeats: int) -> d
         there, elsewhere = elsewhere, there
         before = kept.reuses
         one = {
-            "list_ms": milliseconds(lambda: kept.find_contacts(there, 1.0, output=output)),
-            "kept_ms": milliseconds(lambda: kept.find_contacts(there, 1.0, output=output)),
-            "new_search_ms": milliseconds(lambda: plain.find_contacts(there, 1.0, output=output)),
+            "list_ms": milliseconds(kept, there, output),
+            "kept_ms": milliseconds(kept, there, output),
+            "new_search_ms": milliseconds(plain, there, output),
         }
         assert kept.reuses == before + 1
         if repeat > 0:  # the first one warms up
@@ -63,7 +65,8 @@ def main() -> None:
             found = measure(position, output, skin, given.threads, given.repeats)
             gain = round(found["new_search_ms"] / found["kept_ms"], 2)
             extra = found["list_ms"] - found["new_search_ms"]
-            pays = round(1 + max(0.0, extra) / max(1e-9, found["new_search_ms"] - found["kept_ms"]), 1)
+            saved = found["new_search_ms"] - found["kept_ms"]
+            pays = round(1 + max(0.0, extra) / saved, 1) if saved > 0 else ""
             line = {"spheres": count, "output": output, "skin": skin, **found, "gain": gain, "pays_after_calls": pays}
             print(line, flush=True)
             lines.append({"machine": fc.devices()[0].description, "threads": given.threads, **line, "note": given.note})

@@ -84,10 +84,11 @@ class ContactEngines;
 // Errors of all searches: InvalidValue (a number that is not finite, a negative radius, arrays that do not fit
 // together, a place that the input's type cannot resolve to 1/64 of a radius), OutOfMemory, DeviceError.
 //
-// For spheres that move little from call to call it can keep candidates: all pairs whose surfaces are less than the skin
-// beyond the margin. As long as no two spheres can have come closer by more than the skin, which each call checks, later
-// calls look at the candidates alone; else the list is made anew. The result is the same, bit for bit. One kind of list
-// of one set of spheres (or pair of sets) is kept at a time: neighbors() needs another one than the other calls.
+// For spheres that move little from call to call it can keep candidates: all pairs whose surfaces are less than the
+// skin beyond the margin. As long as no two spheres can have come closer by more than the skin, which each call checks,
+// later calls look at the candidates alone; else the list is made anew. The result is the same, bit for bit. One kind
+// of list of one set of spheres (or pair of sets) is kept at a time: neighbors() needs another one than the other
+// calls.
 class ContactFinder {
  public:
   explicit ContactFinder(int threads = 0, double skin = 0);  // threads of the CPU, 0: all; skin 0: keep no candidates

@@ -12,8 +12,8 @@ Result = TypeVar("Result")
 
 
 def uncompiled(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """The function, called as it is where PyTorch compiles what calls it: its graph breaks there, once, in place of being
-    traced into addresses and engine calls that no graph can hold. PyTorch is not imported for that."""
+    """The function, called as it is where PyTorch compiles what calls it: the graph breaks there, once, in place of
+    being traced into addresses and engine calls that no graph can hold. PyTorch is not imported for that."""
     hidden: Callable[Arguments, Result] | None = None
 
     @functools.wraps(function)

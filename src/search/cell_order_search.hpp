@@ -171,8 +171,8 @@ void add_runs(const SlotSearch<T>& input, int k, bool is_own, std::int64_t n, in
       // as the end of each is hard to predict.
       const int row_z = is_own ? windows.own_z(i) : z.first;
       int row_y = is_own ? windows.own_y(i) : y.first;
-      const std::uint32_t* cells =
-          cell_start + static_cast<std::int64_t>(level.x.cells) * (row_y + static_cast<std::int64_t>(level.y.cells) * row_z);
+      const std::uint32_t* cells = cell_start + static_cast<std::int64_t>(level.x.cells) *
+                                                    (row_y + static_cast<std::int64_t>(level.y.cells) * row_z);
       const std::int64_t to_next_layer =
           static_cast<std::int64_t>(level.x.cells) * (level.y.cells - (y.last - y.first));
       int rows = (y.last - row_y + 1) + (z.last - row_z) * (y.last - y.first + 1);

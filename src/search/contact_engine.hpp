@@ -76,8 +76,7 @@ class ContactEngineOn final : public ContactEngine {
       auto problem = prepare<T>(input);
       const std::int64_t rows = input.spheres.positions.rows;
       Buffer<std::int64_t>* offsets = &totals_.take(rows + 1);
-      Buffer<std::int32_t>* columns =
-          find(problem, sources, Rows::both, rows, *offsets, false, input.options).columns;
+      Buffer<std::int32_t>* columns = find(problem, sources, Rows::both, rows, *offsets, false, input.options).columns;
       Buffer<T>* distances = nullptr;
       const std::int64_t shortened =
           list.most_neighbors == std::numeric_limits<std::int64_t>::max()

@@ -1,6 +1,6 @@
-// The candidates of an earlier search: all pairs that were within a reach longer by the skin. While no sphere has strayed
-// far from where it was, every contact is among them, and the grid need not be built again. (L. Verlet, Phys. Rev. 159,
-// 98, 1967, with his list's age replaced by what the spheres have really done.)
+// The candidates of an earlier search: all pairs that were within a reach longer by the skin. While no sphere has
+// strayed far from where it was, every contact is among them, and the grid need not be built again. (L. Verlet, Phys.
+// Rev. 159, 98, 1967, with his list's age replaced by what the spheres have really done.)
 //
 // It answers as a searcher does. Candidates are decided as the search decides, so what is left of them is what a new
 // search would find. They are looked at in the order of the grid, where spheres that are near lie near in memory, and
@@ -118,7 +118,8 @@ struct SiftCandidates {
   std::uint8_t* is_hit;  // by rank
 
   FC_HOST_DEVICE void operator()(std::int64_t group) const {
-    // A byte that is written might be one of these for all that a compiler knows, so it would read them again each time.
+    // A byte that is written might be one of these for all that a compiler knows, so it would read them again each
+    // time.
     const Candidates held = candidates;
     const Places<T> from = spheres, to = targets;
     const Reach within = reach;
@@ -301,7 +302,7 @@ class KeptCandidates {
 
   double gather(const SpheresIn<T>& spheres, Slots& slots) {
     const Groups groups{spheres.count, spheres_in_group};
-    const GatherSlots<T> gather{spheres, groups, slots.ids_or_null(), period_, slots.places_before(),
+    const GatherSlots<T> gather{spheres,           groups, slots.ids_or_null(), period_, slots.places_before(),
                                 slots.places_now()};
     return backend_.transform_reduce(groups.groups(), gather, Stray{}, Stray::Combine{}).most();
   }
@@ -336,8 +337,8 @@ class KeptCandidates {
     backend_.sort_pairs(static_cast<const std::uint32_t*>(unsorted_slots_.data()), first_slots_.data(),
                         static_cast<const std::uint32_t*>(unsorted_ranks_.data()), ranks_.data(), count_,
                         std::bit_width(static_cast<std::uint64_t>(spheres_.before.size())));
-    backend_.for_each(count_, FindSecondSlots{columns_.data(), targets.slots_or_null(), ranks_.data(),
-                                              second_slots_.data()});
+    backend_.for_each(count_,
+                      FindSecondSlots{columns_.data(), targets.slots_or_null(), ranks_.data(), second_slots_.data()});
   }
 
   template <bool has_radii, bool is_periodic>

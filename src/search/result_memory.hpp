@@ -1,5 +1,5 @@
-// Memory for results. What an earlier result had, and nobody holds any more, serves again: to ask the system for as much
-// takes longer than to fill it.
+// Memory for results. What an earlier result had, and nobody holds any more, serves again: to ask the system for as
+// much takes longer than to fill it.
 #pragma once
 
 #include <atomic>

@@ -105,7 +105,9 @@ def test_results_outlive_their_finder(expected):
 @pytest.mark.parametrize("output", ["contacts", "neighbors", "counts"])
 def test_memory_of_results_serves_again_but_never_while_held(device, output):
     finder, to = fc.ContactFinder(), np.asarray if device == "cpu" else pytest.importorskip("cupy").asarray
-    fields = {"contacts": ("first", "second", "gap", "normal"), "neighbors": ("offsets", "indices"), "counts": ()}[output]
+    fields = {"contacts": ("first", "second", "gap", "normal"), "neighbors": ("offsets", "indices"), "counts": ()}[
+        output
+    ]
 
     def arrays_of(found):
         return [getattr(found, field) for field in fields] or [found]

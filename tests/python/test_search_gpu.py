@@ -65,7 +65,9 @@ def test_a_measured_search(search_gpu, bench):
     assert other.times_fastcollide == pytest.approx(other.ms / row.ms, abs=0.01)
 
 
-@pytest.mark.parametrize("error", [NoMemory("all is used"), fc.OutOfMemory("all is used"), RuntimeError("out of memory")])
+@pytest.mark.parametrize(
+    "error", [NoMemory("all is used"), fc.OutOfMemory("all is used"), RuntimeError("out of memory")]
+)
 def test_a_size_that_does_not_fit_is_said_and_the_next_one_measured(bench, capsys, error):
     def fail():
         raise error

@@ -12,9 +12,7 @@ TYPES = [np.float32, np.float64]
 each_type = pytest.mark.parametrize("dtype", TYPES, ids=lambda dtype: dtype.__name__)
 
 
-@pytest.fixture(
-    scope="module", params=["generic", "none", "avx2", "avx512", pytest.param("cuda", marks=no_gpu)]
-)
+@pytest.fixture(scope="module", params=["generic", "none", "avx2", "avx512", pytest.param("cuda", marks=no_gpu)])
 def finder(request):
     """The form that a GPU runs, the CPU's at each width of its vector units (or the widest there is), and a GPU."""
     if request.param == "cuda":

@@ -235,7 +235,7 @@ def test_another_period_is_another_problem_though_nothing_moves(form, dtype):
 
 
 def test_a_period_too_short_for_the_skin_is_searched_anew(form):
-    position, _, random = cloud(np.float64, side=1.5)
+    position, _, _ = cloud(np.float64, side=1.5)
     both = Both(form, 0.3)
     box = {"bounds": ((0, 0, 0), (1.5, 1.5, 1.5)), "boundary": "periodic"}
     assert both.contacts(position, 0.25, **box) > 1000
@@ -299,7 +299,7 @@ def test_more_candidates_than_the_memory_holds_are_not_kept():
 
 @pytest.mark.parametrize("skin", [-0.1, np.nan, np.inf, "thick", None])
 def test_a_wrong_skin_is_refused(skin):
-    with pytest.raises(fc.InvalidValue, match="skin: found .*; allowed: ") as caught:
+    with pytest.raises(fc.InvalidValue, match=r"skin: found .*; allowed: ") as caught:
         fc.ContactFinder(skin=skin)
     assert caught.value.field == "skin"
 
