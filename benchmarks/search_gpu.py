@@ -5,7 +5,7 @@
 
 Random spheres at 30 % of the volume, of one size or 1:8 with equal volume in each octave (N:8), in CuPy arrays; the
 answers are CuPy arrays. Each time is that of the whole call from Python, until the GPU is idle: the median of the
-repeats after one to warm up. What the plain cell list answers must be the same: the number at any size, each index up to
+repeats after one to warm up. What the plain cell list answers must be the same: the number at any size, each index to
 1,000,000 spheres. Where Warp is installed, its HashGrid is measured, too. A size that does not fit into the memory is
 said and left out, and so is what would begin after --seconds. Writes search_gpu.csv and search_gpu.json; exit code 1
 where two answers differ.
