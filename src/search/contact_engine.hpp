@@ -194,9 +194,12 @@ class ContactEngineOn final : public ContactEngine {
     choose_grid_of(wide, prepared, skin_);
     try {
       sources.searcher.build(wide);
-      sources.kept.renew(prepared.problem, wide, widest_reach, rows, skin_, sources.searcher,
-                         [&](std::int64_t total) { refuse_beyond_memory<T>(total); });
+      sources.kept.renew(prepared.problem, wide, widest_reach, rows, skin_, sources.searcher, [&](std::int64_t total) {
+        refuse_beyond_memory<T>(total);
+        if (total > most_candidates_kept) throw OutOfMemory("too many candidates to keep");
+      });
     } catch (const OutOfMemory&) {
+      sources.kept.release();
       return false;
     }
     return true;

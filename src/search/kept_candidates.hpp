@@ -200,6 +200,9 @@ struct CountRowsOfHits {
   }
 };
 
+// Ranks have 32 bits.
+inline constexpr std::int64_t most_candidates_kept = (std::int64_t(1) << 32) - 1;
+
 template <Backend B, class T>
 class KeptCandidates {
  public:
@@ -244,6 +247,16 @@ class KeptCandidates {
   }
 
   void drop() { is_whole_ = false; }
+
+  // Gives the memory back, too.
+  void release() {
+    drop();
+    for (auto* indices : {&rows_, &columns_}) *indices = Buffer<std::int32_t>(backend_);
+    for (auto* words : {&first_slots_, &second_slots_, &ranks_, &unsorted_slots_, &unsorted_ranks_}) {
+      *words = Buffer<std::uint32_t>(backend_);
+    }
+    is_hit_ = Buffer<std::uint8_t>(backend_);
+  }
 
   std::int64_t count(const Problem<T>& problem) { return sift(problem); }
 
