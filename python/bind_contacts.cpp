@@ -78,7 +78,8 @@ Call call_of(const Described& positions, const Radii& radii, const std::optional
 void bind_contacts(nb::module_& m) {
   using Other = std::optional<Described>;
   nb::class_<ContactFinder>(m, "ContactFinder")
-      .def(nb::init<int>(), "threads"_a)
+      .def(nb::init<int, double>(), "threads"_a, "skin"_a)
+      .def_prop_ro("reuses", &ContactFinder::reuses)
       .def("use_generic_form", &ContactFinder::use_generic_form, "is_generic"_a)
       .def("count",
            [](ContactFinder& finder, const Described& positions, const Radii& radii, const Other& others,

@@ -61,7 +61,9 @@ void check_input(const SearchInput& input) {
 
 class ContactEngines {
  public:
-  explicit ContactEngines(int threads) : threads_(choose_threads(threads)) {}
+  ContactEngines(int threads, double skin) : threads_(choose_threads(threads)), skin_(skin) {
+    require(between(skin, 0, 1e300), "skin", skin, "a finite number, 0 or more");
+  }
 
   // search(engine) with the engine of the device that holds the arrays.
   template <class Search>
@@ -72,7 +74,8 @@ class ContactEngines {
     const int device = input.spheres.positions.cuda_device;
     std::unique_ptr<ContactEngine>& engine = engines_[device];
     if (!engine) {
-      engine = device < 0 ? make_cpu_contact_engine(threads_, is_generic_) : make_cuda_contact_engine(device);
+      engine =
+          device < 0 ? make_cpu_contact_engine(threads_, is_generic_, skin_) : make_cuda_contact_engine(device, skin_);
     }
     return search(*engine);
   }
@@ -83,17 +86,27 @@ class ContactEngines {
     engines_.erase(-1);
   }
 
+  std::int64_t reuses() {
+    const std::lock_guard lock(mutex_);
+    std::int64_t reuses = 0;
+    for (const auto& [device, engine] : engines_) reuses += engine ? engine->reuses() : 0;
+    return reuses;
+  }
+
  private:
   int threads_;
+  double skin_;
   bool is_generic_ = false;
   std::mutex mutex_;
   std::map<int, std::unique_ptr<ContactEngine>> engines_;
 };
 
-ContactFinder::ContactFinder(int threads) : engines_(std::make_unique<ContactEngines>(threads)) {}
+ContactFinder::ContactFinder(int threads, double skin) : engines_(std::make_unique<ContactEngines>(threads, skin)) {}
 ContactFinder::~ContactFinder() = default;
 ContactFinder::ContactFinder(ContactFinder&&) noexcept = default;
 ContactFinder& ContactFinder::operator=(ContactFinder&&) noexcept = default;
+
+std::int64_t ContactFinder::reuses() const { return engines_->reuses(); }
 
 void ContactFinder::use_generic_form(bool is_generic) { engines_->use_generic_form(is_generic); }
 

@@ -11,7 +11,7 @@ namespace {
 
 std::unique_ptr<Engine> make_cuda_engine(const WorldOptions&, int) { refuse(); }
 std::unique_ptr<RendererEngine> make_cuda_renderer(int) { refuse(); }
-std::unique_ptr<ContactEngine> make_cuda_contact_engine(int) { refuse(); }
+std::unique_ptr<ContactEngine> make_cuda_contact_engine(int, double) { refuse(); }
 Spheres cuda_random_spheres(const RandomSpheres&, int) { refuse(); }
 std::vector<Device> cuda_devices() { return {}; }
 void cuda_copy_to_host(void*, const void*, std::size_t, int) { refuse(); }

@@ -58,6 +58,17 @@ int main() {
   const fastcollide::NeighborList neighbors = finder.neighbors(centers, within, nullptr, nearest);
   std::cout << neighbors.indices.rows << " neighbours; " << neighbors.shortened_rows << " centres have more\n";
 
+  // The spheres move a little: a finder with a skin looks at the candidates that it has kept.
+  fastcollide::ContactFinder following(0, 0.02);
+  std::uniform_real_distribution<float> step(-0.001f, 0.001f);
+  for (int frame = 0; frame < 5; ++frame) {
+    for (float& x : positions) x += step(random);
+    const fastcollide::ContactList followed = following.pairs(spheres);
+    if (followed.first.rows != finder.count(spheres)) return 1;
+  }
+  std::cout << following.reuses() << " of 5 calls needed no new search\n";
+  if (following.reuses() != 4) return 1;
+
   try {
     radii[17] = -1;
     finder.contacts(spheres);

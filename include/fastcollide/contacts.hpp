@@ -83,9 +83,15 @@ class ContactEngines;
 // Keeps its working memory from call to call. It searches where the arrays lie; threads that share one take turns.
 // Errors of all searches: InvalidValue (a number that is not finite, a negative radius, arrays that do not fit
 // together, a place that the input's type cannot resolve to 1/64 of a radius), OutOfMemory, DeviceError.
+//
+// For spheres that move little from call to call it can keep candidates: all pairs whose surfaces are less than the
+// skin beyond the margin. As long as no two spheres can have come closer by more than the skin, which each call checks,
+// later calls look at the candidates alone; else the list is made anew. The result is the same, bit for bit. One kind
+// of list of one set of spheres (or pair of sets) is kept at a time: neighbors() needs another one than the other
+// calls.
 class ContactFinder {
  public:
-  explicit ContactFinder(int threads = 0);  // of the CPU, 0: all
+  explicit ContactFinder(int threads = 0, double skin = 0);  // threads of the CPU, 0: all; skin 0: keep no candidates
   ~ContactFinder();
   ContactFinder(ContactFinder&&) noexcept;
   ContactFinder& operator=(ContactFinder&&) noexcept;
@@ -103,6 +109,9 @@ class ContactFinder {
   // Of each sphere, all that it touches (of `others`, if given).
   NeighborList neighbors(const SphereArrays& spheres, const SearchOptions& options = {},
                          const SphereArrays* others = nullptr, const NeighborOptions& list = {});
+
+  // How many calls have looked at kept candidates alone.
+  std::int64_t reuses() const;
 
   // For tests: the form that is written against the backend concept, as it runs on a GPU.
   void use_generic_form(bool is_generic);

@@ -50,7 +50,7 @@ def array_in(field: str, value: Any, columns: int, host_dtype: DTypeLike | None 
     On the host float32 and float64 are taken as they lie, other real numbers are converted (host_dtype: to this type
     where it is wider). Raises InvalidValue for a wrong shape or type.
     """
-    array = _on_gpu(value) or _on_host(field, value, host_dtype)
+    array = _on_gpu(field, value) or _on_host(field, value, host_dtype)
     expected = f"(n, {columns})" if columns else "(n,)"
     if len(array.shape) != (2 if columns else 1) or (columns and array.shape[1] != columns):
         raise InvalidValue(f"{field}: found an array of shape {array.shape}; allowed: shape {expected}", field)
@@ -84,16 +84,10 @@ def _on_host(field: str, value: Any, dtype: DTypeLike | None) -> ArrayIn:
     return ArrayIn(array, array.ctypes.data, array.shape, array.strides, array.dtype, -1, kind)
 
 
-def _on_gpu(value: Any) -> ArrayIn | None:
+def _on_gpu(field: str, value: Any) -> ArrayIn | None:
     kind = kind_of(value)
     if kind == "torch":
-        if value.device.type != "cuda":
-            return None
-        value = value.detach()
-        name = str(value.dtype).removeprefix("torch.")
-        dtype = np.dtype(name if name in ("float32", "float64") else object)  # the others are refused
-        strides = tuple(step * dtype.itemsize for step in value.stride())
-        return ArrayIn(value, value.data_ptr(), tuple(value.shape), strides, dtype, value.device.index, kind)
+        return _torch_on_gpu(field, value.detach()) if value.device.type == "cuda" else None
     interface = None if kind == "numpy" else getattr(value, "__cuda_array_interface__", None)
     if interface is not None:
         address = interface["data"][0] or 0
@@ -109,6 +103,19 @@ def _on_gpu(value: Any) -> ArrayIn | None:
         dtype = np.dtype(f"{'iuf'[code]}{bits // 8}") if code <= 2 else np.dtype(object)
         return ArrayIn(held, address, tuple(shape), tuple(s * bits // 8 for s in strides), dtype, device, kind)
     return None
+
+
+def _torch_on_gpu(field: str, tensor: Any) -> ArrayIn:
+    name = str(tensor.dtype).removeprefix("torch.")
+    if name not in ("float32", "float64"):  # NumPy has no word for some of the others
+        raise InvalidValue(f"{field}: found an array of {name}; allowed: float32 or float64", field)
+    dtype = np.dtype(name)
+    try:
+        address, steps = tensor.data_ptr(), tensor.stride()
+    except RuntimeError as error:  # sparse, or a stand-in of vmap or grad: no numbers lie anywhere
+        raise InvalidValue(f"{field}: found no array of numbers ({error}); allowed: an array", field) from None
+    strides = tuple(step * dtype.itemsize for step in steps)
+    return ArrayIn(tensor, address, tuple(tensor.shape), strides, dtype, tensor.device.index, "torch")
 
 
 def _device_number(value: Any) -> int:

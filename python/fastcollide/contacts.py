@@ -11,6 +11,7 @@ from fastcollide import _core
 from fastcollide.arrays_in import ArrayIn, array_in, current_stream, like
 from fastcollide.errors import InvalidValue
 from fastcollide.spheres import Bounds, corners
+from fastcollide.uncompiled import uncompiled
 from fastcollide.world import Contacts
 
 OUTPUTS = ("contacts", "pairs", "neighbors", "counts", "total")
@@ -53,11 +54,25 @@ class ContactFinder:
     """The searches of this module with memory that is kept from call to call: for many calls in a row.
 
     threads: of the CPU (None: all). It searches where the arrays lie. Threads that share a finder take turns.
+    skin: a length, for spheres that move little from call to call. The finder then keeps candidates: all pairs whose
+    surfaces are less than `skin` beyond the margin. As long as no two spheres can have come closer by more than that,
+    which each call checks where the arrays lie, later calls look at the candidates alone; else the list is made anew.
+    Positions, radii and margin may change freely: the result is that of a new search, bit for bit. The list of one set
+    of spheres (or pair of sets) is kept at a time, and one of two kinds: of pairs once (contacts, pairs, counts,
+    total) or of the neighbours of each. 0 keeps none.
+
+    Raises InvalidValue for a wrong skin.
     """
 
-    def __init__(self, threads: int | None = None) -> None:
-        self._finder = _core.ContactFinder(threads or 0)
+    def __init__(self, threads: int | None = None, skin: float = 0.0) -> None:
+        self._finder = _core.ContactFinder(threads or 0, _number("skin", skin))
 
+    @property
+    def reuses(self) -> int:
+        """How many calls have looked at kept candidates alone."""
+        return int(self._finder.reuses)
+
+    @uncompiled
     def find_contacts(
         self,
         positions: Any,
@@ -91,6 +106,7 @@ class ContactFinder:
             return _neighbors(model, self._finder.neighbors(*arguments, False, False, False, _NO_LIMIT))
         return Contacts(*(like(model, array) for array in self._finder.contacts(*arguments)))
 
+    @uncompiled
     def find_neighbors(
         self,
         points: Any,
@@ -132,6 +148,7 @@ class ContactFinder:
         return _neighbors(search.model, found)
 
 
+@uncompiled
 def find_contacts(
     positions: Any,
     radii: Any,
@@ -182,6 +199,7 @@ def find_contacts(
     )
 
 
+@uncompiled
 def find_neighbors(
     points: Any,
     radius: float,

@@ -167,12 +167,20 @@ void add_runs(const SlotSearch<T>& input, int k, bool is_own, std::int64_t n, in
       visit_runs(level, input.cell_start, windows.x(i), windows.y(i), windows.z(i), 0, visit_run);
     } else {
       const Window x = windows.x(i), y = windows.y(i), z = windows.z(i);
-      // In its own level a sphere starts with its own row: those before hold earlier slots alone.
+      // In its own level a sphere starts with its own row: those before hold earlier slots alone. All rows in one loop,
+      // as the end of each is hard to predict.
+      const int row_z = is_own ? windows.own_z(i) : z.first;
       int row_y = is_own ? windows.own_y(i) : y.first;
-      for (int row_z = is_own ? windows.own_z(i) : z.first; row_z <= z.last; ++row_z, row_y = y.first) {
-        const std::uint32_t* cells = cell_start + static_cast<std::int64_t>(level.x.cells) *
-                                                      (row_y + static_cast<std::int64_t>(level.y.cells) * row_z);
-        for (; row_y <= y.last; ++row_y, cells += level.x.cells) visit_run(cells[x.first], cells[x.last + 1]);
+      const std::uint32_t* cells = cell_start + static_cast<std::int64_t>(level.x.cells) *
+                                                    (row_y + static_cast<std::int64_t>(level.y.cells) * row_z);
+      const std::int64_t to_next_layer =
+          static_cast<std::int64_t>(level.x.cells) * (level.y.cells - (y.last - y.first));
+      int rows = (y.last - row_y + 1) + (z.last - row_z) * (y.last - y.first + 1);
+      for (; rows > 0; --rows) {
+        visit_run(cells[x.first], cells[x.last + 1]);
+        const bool is_last = row_y == y.last;
+        row_y = is_last ? y.first : row_y + 1;
+        cells += is_last ? to_next_layer : level.x.cells;
       }
     }
     if (is_periodic) {

@@ -10,6 +10,8 @@
 #include "choose_grid.hpp"
 #include "engine_interface.hpp"
 #include "free_memory.hpp"
+#include "kept_candidates.hpp"
+#include "result_memory.hpp"
 #include "rows_of_neighbors.hpp"
 
 namespace fastcollide::search {
@@ -23,97 +25,95 @@ inline constexpr FieldNames names_of_spheres{"positions", "radii"}, names_of_oth
 template <Backend B, template <class> class Searcher>
 class ContactEngineOn final : public ContactEngine {
  public:
-  explicit ContactEngineOn(B backend) : backend_(std::move(backend)) {}
+  ContactEngineOn(B backend, double skin) : backend_(std::move(backend)), skin_(skin) {}
+
+  std::int64_t reuses() const override { return reuses_; }
 
   std::int64_t count(const SearchInput& input) override {
-    return with_type(input, [&]<class T>(Searcher<T>& searcher) {
+    return with_type(input, [&]<class T>(Sources<T>& sources) {
       const Turn turn(backend_, input.options.cuda_stream);
-      const auto problem = prepare<T>(input, searcher);
-      return problem.is_empty ? std::int64_t(0) : searcher.count(problem.problem);
+      auto problem = prepare<T>(input);
+      if (problem.is_empty) return std::int64_t(0);
+      return with_source(problem, sources, Rows::once, [&](auto& source) { return source.count(problem.problem); });
     });
   }
 
   ArrayView counts(const SearchInput& input) override {
-    return with_type(input, [&]<class T>(Searcher<T>& searcher) {
+    return with_type(input, [&]<class T>(Sources<T>& sources) {
       const Turn turn(backend_, input.options.cuda_stream);
-      const auto problem = prepare<T>(input, searcher);
-      Buffer<std::int64_t> counts(backend_);
-      counts.resize(input.spheres.positions.rows);
+      auto problem = prepare<T>(input);
+      Buffer<std::int64_t>& counts = totals_.take(input.spheres.positions.rows);
       backend_.fill_zero(counts.data(), counts.size());
-      if (!problem.is_empty) searcher.count_rows(problem.problem, Rows::both, counts.data());
+      if (!problem.is_empty) {
+        with_source(problem, sources, Rows::once,
+                    [&](auto& source) { source.count_rows(problem.problem, Rows::both, counts.data()); });
+      }
       return view(counts, 0);
     });
   }
 
   ContactList contacts(const SearchInput& input, bool is_measured) override {
-    return with_type(input, [&]<class T>(Searcher<T>& searcher) {
+    return with_type(input, [&]<class T>(Sources<T>& sources) {
       const Turn turn(backend_, input.options.cuda_stream);
-      const auto problem = prepare<T>(input, searcher);
+      auto problem = prepare<T>(input);
       const std::int64_t rows = input.spheres.positions.rows;
-      Buffer<std::int32_t> first(backend_), second(backend_);
-      Buffer<T> gap(backend_);
-      Buffer<Point<T>> normal(backend_);
-      const std::int64_t total = find(problem, searcher, Rows::once, rows, offsets_, second, &first, input.options);
-      if (is_measured) {
-        gap.resize(total);
-        normal.resize(total);
-        backend_.for_each(
-            total, MeasureContacts<T>{problem.problem.spheres, problem.problem.targets, problem.problem.reach.period,
-                                      problem.common_radii, first.data(), second.data(), gap.data(), normal.data()});
-      }
-      return ContactList{view(first, 0), view(second, 0), view(gap, 0), view(normal, 3)};
+      offsets_.resize(rows + 1);
+      const auto [second, first] = find(problem, sources, Rows::once, rows, offsets_, true, input.options);
+      if (!is_measured) return ContactList{view(*first, 0), view(*second, 0), {}, {}};
+      const std::int64_t total = first->size();
+      Buffer<T>& gap = sources.reals.take(total);
+      Buffer<Point<T>>& normal = sources.points.take(total);
+      backend_.for_each(total, MeasureContacts<T>{problem.problem.spheres, problem.problem.targets,
+                                                  problem.problem.reach.period, problem.common_radii, total,
+                                                  first->data(), second->data(), gap.data(), normal.data()});
+      return ContactList{view(*first, 0), view(*second, 0), view(gap, 0), view(normal, 3)};
     });
   }
 
   NeighborList neighbors(const SearchInput& input, const NeighborOptions& list) override {
-    return with_type(input, [&]<class T>(Searcher<T>& searcher) {
+    return with_type(input, [&]<class T>(Sources<T>& sources) {
       const Turn turn(backend_, input.options.cuda_stream);
-      const auto problem = prepare<T>(input, searcher);
+      auto problem = prepare<T>(input);
       const std::int64_t rows = input.spheres.positions.rows;
-      Buffer<std::int64_t> offsets(backend_);
-      Buffer<std::int32_t> columns(backend_);
-      Buffer<T> distances(backend_);
-      offsets.resize(rows + 1);
-      find(problem, searcher, Rows::both, rows, offsets, columns, nullptr, input.options);
-      NeighborList found;
+      Buffer<std::int64_t>* offsets = &totals_.take(rows + 1);
+      Buffer<std::int32_t>* columns = find(problem, sources, Rows::both, rows, *offsets, false, input.options).columns;
+      Buffer<T>* distances = nullptr;
       const std::int64_t shortened =
           list.most_neighbors == std::numeric_limits<std::int64_t>::max()
               ? 0
-              : backend_.transform_reduce(rows, CountShortened{offsets.data(), list.most_neighbors}, std::int64_t(0),
+              : backend_.transform_reduce(rows, CountShortened{offsets->data(), list.most_neighbors}, std::int64_t(0),
                                           Sum{});
-      found.shortened_rows = shortened;
       if (list.keep_distances || list.sort_by_distance || shortened > 0) {
-        distances.resize(columns.size());
+        distances = &sources.reals.take(columns->size());
         backend_.for_each(
             rows, MeasureDistances<T>{problem.problem.spheres, problem.problem.targets, problem.problem.reach.period,
-                                      list.is_squared, offsets.data(), columns.data(), distances.data()});
+                                      list.is_squared, offsets->data(), columns->data(), distances->data()});
       }
       const auto sort = [&](bool by_distance) {
-        backend_.for_each(rows, SortNeighbors<T>{by_distance, offsets.data(), columns.data(), distances.data()});
+        backend_.for_each(rows, SortNeighbors<T>{by_distance, offsets->data(), columns->data(), distances->data()});
       };
       if (list.sort_by_distance || shortened > 0) sort(true);
+      // Views hold the longer rows while they are copied, so that none of their memory is taken for the shorter ones.
+      NeighborList found{view(*offsets, 0), view(*columns, 0), {}, shortened};
+      if (distances != nullptr) found.distances = view(*distances, 0);
       if (shortened > 0) {
-        Buffer<std::int64_t> shorter(backend_);
-        Buffer<std::int32_t> kept_columns(backend_);
-        Buffer<T> kept_distances(backend_);
-        shorter.resize(rows + 1);
-        backend_.for_each(rows, ShortenRows{offsets.data(), list.most_neighbors, shorter.data()});
+        Buffer<std::int64_t>& shorter = totals_.take(rows + 1);
+        backend_.for_each(rows, ShortenRows{offsets->data(), list.most_neighbors, shorter.data()});
         backend_.exclusive_scan(shorter.data(), rows);
         std::int64_t total = 0;
         backend_.copy_to_host(&total, static_cast<const std::int64_t*>(shorter.data()) + rows, 1);
-        kept_columns.resize(total);
-        kept_distances.resize(total);
-        backend_.for_each(rows, CopyRows<T>{offsets.data(), shorter.data(), columns.data(), distances.data(),
+        Buffer<std::int32_t>& kept_columns = indices_.take(total);
+        Buffer<T>& kept_distances = sources.reals.take(total);
+        backend_.for_each(rows, CopyRows<T>{offsets->data(), shorter.data(), columns->data(), distances->data(),
                                             kept_columns.data(), kept_distances.data()});
         backend_.synchronize();  // before the longer rows go
-        std::swap(offsets, shorter);
-        std::swap(columns, kept_columns);
-        std::swap(distances, kept_distances);
+        offsets = &shorter;
+        columns = &kept_columns;
+        distances = &kept_distances;
+        found = {view(*offsets, 0), view(*columns, 0), view(*distances, 0), shortened};
         if (!list.sort_by_distance) sort(false);
       }
-      found.offsets = view(offsets, 0);
-      found.indices = view(columns, 0);
-      if (list.keep_distances) found.distances = view(distances, 0);
+      if (!list.keep_distances) found.distances = {};
       return found;
     });
   }
@@ -143,8 +143,22 @@ class ContactEngineOn final : public ContactEngine {
   template <class T>
   struct Prepared {
     Problem<T> problem;
-    bool is_empty;        // no pair can be: nothing was built
+    Survey<T> of_spheres, of_targets;
+    bool is_empty;        // no pair can be
     double common_radii;  // twice the radius that all share
+
+    double largest_reach() const { return of_spheres.most_size + of_targets.most_size; }
+  };
+
+  // What finds pairs, and where results of this type go.
+  template <class T>
+  struct Sources {
+    explicit Sources(B& backend) : searcher(backend), kept(backend), reals(backend), points(backend) {}
+
+    Searcher<T> searcher;
+    KeptCandidates<B, T> kept;
+    ResultMemory<B, T> reals;
+    ResultMemory<B, Point<T>> points;
   };
 
   template <class Call>
@@ -152,36 +166,96 @@ class ContactEngineOn final : public ContactEngine {
     return input.spheres.positions.is_double ? call(in_double_) : call(in_single_);
   }
 
+  // use(source) with the candidates that are kept, if they hold, else with a new search.
+  template <class T, class Use>
+  auto with_source(Prepared<T>& prepared, Sources<T>& sources, Rows rows, const Use& use) {
+    if (skin_ > 0 && hold_candidates(prepared, sources, rows)) return use(sources.kept);
+    choose_grid_of(prepared.problem, prepared, 0);
+    sources.searcher.build(prepared.problem);
+    return use(sources.searcher);
+  }
+
+  // False where candidates cannot be kept: more than the memory holds, or a period that a longer reach would go round.
+  template <class T>
+  bool hold_candidates(const Prepared<T>& prepared, Sources<T>& sources, Rows rows) {
+    if (sources.kept.covers(prepared.problem, rows)) {
+      ++reuses_;
+      return true;
+    }
+    sources.kept.drop();
+    const double widest_reach = prepared.largest_reach() + skin_;
+    const Period& period = prepared.problem.reach.period;
+    for (const double length : {period.x, period.y, period.z}) {
+      if (length > 0 && !is_shorter_than_half(widest_reach, length)) return false;
+    }
+    Problem<T> wide = prepared.problem;
+    wide.reach.margin += skin_;
+    wide.reach.is_inclusive = true;
+    choose_grid_of(wide, prepared, skin_);
+    try {
+      sources.searcher.build(wide);
+      sources.kept.renew(prepared.problem, wide, widest_reach, rows, skin_, sources.searcher, [&](std::int64_t total) {
+        refuse_beyond_memory<T>(total);
+        if (total > most_candidates_kept) throw OutOfMemory("too many candidates to keep");
+      });
+    } catch (const OutOfMemory&) {
+      sources.kept.release();
+      return false;
+    }
+    return true;
+  }
+
   template <class U>
   ArrayView view(Buffer<U>& buffer, int columns) {
     return {buffer.data(), buffer.size(), columns, backend_.cuda_device(), buffer.share()};
   }
 
+  struct Found {
+    Buffer<std::int32_t>*columns, *row_of_each;
+  };
+
+  // offsets: of the rows, one more than rows.
   template <class T>
-  std::int64_t find(const Prepared<T>& prepared, Searcher<T>& searcher, Rows rows, std::int64_t row_count,
-                    Buffer<std::int64_t>& offsets, Buffer<std::int32_t>& columns, Buffer<std::int32_t>* row_of_each,
-                    const SearchOptions& options) {
-    offsets.resize(row_count + 1);
+  Found find(Prepared<T>& prepared, Sources<T>& sources, Rows rows, std::int64_t row_count,
+             Buffer<std::int64_t>& offsets, bool with_row_of_each, const SearchOptions& options) {
+    Found found{};
+    const auto allocate = [&](std::int64_t total) {
+      found.columns = &indices_.take(total);
+      const std::shared_ptr<void> held = found.columns->share();  // or the rows would get the same memory
+      if (with_row_of_each) found.row_of_each = &indices_.take(total);
+      return Columns{found.columns->data(), with_row_of_each ? found.row_of_each->data() : nullptr};
+    };
     if (prepared.is_empty) {
       backend_.fill_zero(offsets.data(), row_count + 1);
-      return 0;
+      allocate(0);
+      return found;
     }
     const auto refuse_if_too_many = [&](std::int64_t total) {
       if (total > options.most_contacts) {
         throw OutOfMemory("max_contacts: found " + std::to_string(total) + " contacts; allowed: at most " +
                           std::to_string(options.most_contacts));
       }
-      if (total > many_entries && total > room_for(bytes_of_entry<T>)) {
-        throw OutOfMemory("contacts: found " + std::to_string(total) + "; allowed: at most " +
-                          std::to_string(room_for(bytes_of_entry<T>)) +
-                          " in the memory that is free (the total and the counts need no list)");
-      }
+      refuse_beyond_memory<T>(total);
     };
-    return searcher.find(prepared.problem, rows, offsets.data(), refuse_if_too_many, [&](std::int64_t total) {
-      columns.resize(total);
-      if (row_of_each != nullptr) row_of_each->resize(total);
-      return Columns{columns.data(), row_of_each == nullptr ? nullptr : row_of_each->data()};
+    with_source(prepared, sources, rows, [&](auto& source) {
+      return source.find(prepared.problem, rows, offsets.data(), refuse_if_too_many, [&](std::int64_t total) {
+        try {
+          return allocate(total);
+        } catch (const OutOfMemory& error) {  // which of a GPU's words says how many
+          throw OutOfMemory("contacts: found " + std::to_string(total) + "; allowed: as many as fit into the memory (" +
+                            error.what() + "; the total and the counts need no list)");
+        }
+      });
     });
+    return found;
+  }
+
+  template <class T>
+  void refuse_beyond_memory(std::int64_t total) const {
+    if (total <= many_entries || total <= room_for(bytes_of_entry<T>)) return;
+    throw OutOfMemory("contacts: found " + std::to_string(total) + "; allowed: at most " +
+                      std::to_string(room_for(bytes_of_entry<T>)) +
+                      " in the memory that is free (the total and the counts need no list)");
   }
 
   // What a list takes for each entry, with all that is needed on the way. Systems promise more memory than they have
@@ -194,8 +268,9 @@ class ContactEngineOn final : public ContactEngine {
     return backend_.cuda_device() < 0 ? free_host_memory() / bytes : std::numeric_limits<std::int64_t>::max();
   }
 
+  // Checks all numbers of the input.
   template <class T>
-  Prepared<T> prepare(const SearchInput& input, Searcher<T>& searcher) {
+  Prepared<T> prepare(const SearchInput& input) {
     const SearchOptions& options = input.options;
     const bool is_one_set = input.others == nullptr;
     const SphereArrays& other = is_one_set ? input.spheres : *input.others;
@@ -220,19 +295,27 @@ class ContactEngineOn final : public ContactEngine {
     }
 
     const double half_margin = 0.5 * problem.reach.margin;
-    const Survey<T> of_spheres = survey(problem.spheres, half_margin, bounds, names_of_spheres);
-    const Survey<T> of_targets =
-        is_one_set ? of_spheres : survey(problem.targets, half_margin, bounds, names_of_others);
-    check_reach(of_spheres.most_size + of_targets.most_size, options);
-    prepared.is_empty =
-        problem.spheres.count == 0 || problem.targets.count == 0 || !(of_spheres.most_size + of_targets.most_size > 0);
-    if (prepared.is_empty) return prepared;
+    problem.grid.bounds = bounds;
+    prepared.of_spheres = survey(problem.spheres, half_margin, bounds, names_of_spheres);
+    prepared.of_targets =
+        is_one_set ? prepared.of_spheres : survey(problem.targets, half_margin, bounds, names_of_others);
+    check_reach(prepared.largest_reach(), options);
+    prepared.is_empty = problem.spheres.count == 0 || problem.targets.count == 0 || !(prepared.largest_reach() > 0);
+    return prepared;
+  }
 
+  // For the margin of `problem`, which is `more` than the one that the spheres were looked at with.
+  template <class T>
+  void choose_grid_of(Problem<T>& problem, const Prepared<T>& prepared, double more) {
+    const double half_margin = 0.5 * problem.reach.margin;
+    const double searcher_size = prepared.of_spheres.most_size + 0.5 * more;
+    const double least_size = prepared.of_targets.least_size + 0.5 * more;
+    const double most_size = prepared.of_targets.most_size + 0.5 * more;
     Population set{};
     set.count = problem.targets.count;
-    set.largest_size = of_targets.most_size > 0 ? of_targets.most_size : of_spheres.most_size;
+    set.largest_size = most_size > 0 ? most_size : searcher_size;
     const int base_exponent = exponent_of(set.largest_size);
-    if (of_targets.least_size * 2 > of_targets.most_size) {
+    if (least_size * 2 > most_size) {
       set.octave_counts[0] = set.count;
     } else {
       const Groups groups{set.count, Searcher<T>::group_size};
@@ -242,16 +325,14 @@ class ContactEngineOn final : public ContactEngine {
       std::copy(std::begin(counts.counts), std::end(counts.counts), set.octave_counts.begin());
     }
     for (int axis = 0; axis < 3; ++axis) {
-      set.low[axis] = of_targets.low[axis];
-      set.high[axis] = of_targets.high[axis];
+      set.low[axis] = prepared.of_targets.low[axis];
+      set.high[axis] = prepared.of_targets.high[axis];
     }
-    if (!is_one_set) {
+    if (!problem.is_one_set) {
       set.searcher_count = problem.spheres.count;
-      set.searcher_size = of_spheres.most_size;
+      set.searcher_size = searcher_size;
     }
-    problem.grid = choose_grid<T>(set, half_margin, bounds, problem.reach.period, Searcher<T>::edges);
-    searcher.build(problem);
-    return prepared;
+    problem.grid = choose_grid<T>(set, half_margin, problem.grid.bounds, problem.reach.period, Searcher<T>::edges);
   }
 
   template <class T>
@@ -306,11 +387,13 @@ class ContactEngineOn final : public ContactEngine {
                            (sizeof(T) == 4 ? "; float64 can" : ""));
   }
 
+  static bool is_shorter_than_half(double reach, double length) { return 2 * reach * (1 + 0x1p-20) < length; }
+
   void check_reach(double largest_reach, const SearchOptions& options) {
     for (int axis = 0; axis < 3; ++axis) {
       if (options.boundary[axis] != Boundary::periodic) continue;
       const double length = options.upper[axis] - options.lower[axis];
-      if (2 * largest_reach * (1 + 0x1p-20) < length) continue;
+      if (is_shorter_than_half(largest_reach, length)) continue;
       throw InvalidValue("bounds", axis, "a period of " + text_of(length),
                          "more than twice the largest reach (sum of two radii and the margin), " +
                              text_of(largest_reach) + ", so that no two spheres meet twice");
@@ -318,9 +401,13 @@ class ContactEngineOn final : public ContactEngine {
   }
 
   B backend_;
-  Searcher<float> in_single_{backend_};
-  Searcher<double> in_double_{backend_};
-  Buffer<std::int64_t> offsets_{backend_};
+  double skin_;
+  std::int64_t reuses_ = 0;
+  Sources<float> in_single_{backend_};
+  Sources<double> in_double_{backend_};
+  ResultMemory<B, std::int32_t> indices_{backend_};
+  ResultMemory<B, std::int64_t> totals_{backend_};
+  Buffer<std::int64_t> offsets_{backend_};  // where nobody asks for them
 };
 
 }  // namespace fastcollide::search

@@ -11,9 +11,9 @@ using GenericOnCpu = search::GenericSearcher<CpuBackend, T>;
 
 }  // namespace
 
-std::unique_ptr<ContactEngine> make_cpu_contact_engine(int threads, bool is_generic) {
-  if (is_generic) return std::make_unique<search::ContactEngineOn<CpuBackend, GenericOnCpu>>(CpuBackend(threads));
-  return std::make_unique<search::ContactEngineOn<CpuBackend, search::CpuSearcher>>(CpuBackend(threads));
+std::unique_ptr<ContactEngine> make_cpu_contact_engine(int threads, bool is_generic, double skin) {
+  if (is_generic) return std::make_unique<search::ContactEngineOn<CpuBackend, GenericOnCpu>>(CpuBackend(threads), skin);
+  return std::make_unique<search::ContactEngineOn<CpuBackend, search::CpuSearcher>>(CpuBackend(threads), skin);
 }
 
 }  // namespace fastcollide

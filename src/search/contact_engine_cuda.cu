@@ -11,8 +11,8 @@ using GenericOnCuda = search::GenericSearcher<CudaBackend, T>;
 
 }  // namespace
 
-std::unique_ptr<ContactEngine> make_cuda_contact_engine(int device) {
-  return std::make_unique<search::ContactEngineOn<CudaBackend, GenericOnCuda>>(CudaBackend(device));
+std::unique_ptr<ContactEngine> make_cuda_contact_engine(int device, double skin) {
+  return std::make_unique<search::ContactEngineOn<CudaBackend, GenericOnCuda>>(CudaBackend(device), skin);
 }
 
 }  // namespace fastcollide

@@ -27,6 +27,10 @@ class CpuSearcher {
     if (!problem.is_one_set) order(problem.spheres, problem.grid, true, searchers_);
   }
 
+  // Indices in the order of slots, of the last problem that was built; searchers are those of another set.
+  const std::uint32_t* target_ids() const { return targets_.ids.data(); }
+  const std::uint32_t* searcher_ids() const { return searchers_.ids.data(); }
+
   std::int64_t count(const Problem<T>& problem) {
     std::atomic<std::int64_t> total = 0;
     search(problem, [&](int) {
@@ -191,6 +195,7 @@ class CpuSearcher {
             next += count;
           }
           for (const std::uint64_t* word = begin; word != end; ++word) {
+            if (end - word > far_ahead) spheres.fetch(static_cast<std::uint32_t>(word[far_ahead]));
             const std::uint32_t slot = starts[key_of(*word)]++, id = static_cast<std::uint32_t>(*word);
             const Point<T> p = spheres.position(id);
             to.ids.data()[slot] = id;

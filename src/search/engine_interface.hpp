@@ -20,9 +20,11 @@ class ContactEngine {
   virtual ArrayView counts(const SearchInput& input) = 0;
   virtual ContactList contacts(const SearchInput& input, bool is_measured) = 0;
   virtual NeighborList neighbors(const SearchInput& input, const NeighborOptions& list) = 0;
+  virtual std::int64_t reuses() const = 0;
 };
 
-std::unique_ptr<ContactEngine> make_cpu_contact_engine(int threads, bool is_generic);
-std::unique_ptr<ContactEngine> make_cuda_contact_engine(int device);
+// skin: of the candidates that are kept for later calls; 0 keeps none.
+std::unique_ptr<ContactEngine> make_cpu_contact_engine(int threads, bool is_generic, double skin);
+std::unique_ptr<ContactEngine> make_cuda_contact_engine(int device, double skin);
 
 }  // namespace fastcollide

@@ -174,6 +174,10 @@ class GenericSearcher {
                                       spheres.radii == nullptr ? nullptr : order_.radii.data()});
   }
 
+  // Indices in the order of slots, of the last problem that was built; searchers of another set keep their own order.
+  const std::uint32_t* target_ids() const { return order_.ids.data(); }
+  const std::uint32_t* searcher_ids() const { return nullptr; }
+
   std::int64_t count(const Problem<T>& problem) {
     next_.resize(1);
     backend_.fill_zero(next_.data(), 1);

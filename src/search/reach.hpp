@@ -30,11 +30,15 @@ FC_HOST_DEVICE inline Point<double> offset_between(Point<T> a, Point<T> b, Point
 FC_HOST_DEVICE inline double squared_length(Point<double> a) { return a.x * a.x + a.y * a.y + a.z * a.z; }
 
 template <class T>
-FC_HOST_DEVICE inline bool is_within_reach(Point<T> a, T radius_a, Point<T> b, T radius_b, Point<double> shift,
-                                           const Reach& reach) {
-  const double distance_squared = squared_length(offset_between(a, b, shift));
+FC_HOST_DEVICE inline bool is_near_enough(double distance_squared, T radius_a, T radius_b, const Reach& reach) {
   const double limit = (static_cast<double>(radius_a) + static_cast<double>(radius_b)) + reach.margin;
   return distance_squared < limit * limit || (reach.is_inclusive && distance_squared == limit * limit);
+}
+
+template <class T>
+FC_HOST_DEVICE inline bool is_within_reach(Point<T> a, T radius_a, Point<T> b, T radius_b, Point<double> shift,
+                                           const Reach& reach) {
+  return is_near_enough(squared_length(offset_between(a, b, shift)), radius_a, radius_b, reach);
 }
 
 FC_HOST_DEVICE inline double to_nearest_image(double difference, double period) {

@@ -11,12 +11,14 @@ struct MeasureContacts {
   SpheresIn<T> spheres, targets;
   Period period;
   double common_radii;  // twice the radius that all share
+  std::int64_t count;
   const std::int32_t* first;
   const std::int32_t* second;
   T* gap;
   Point<T>* normal;
 
   FC_HOST_DEVICE void operator()(std::int64_t k) const {
+    if (k + far_ahead < count) targets.fetch(second[k + far_ahead]);
     const std::int64_t i = first[k], j = second[k];
     const double radii =
         (static_cast<double>(spheres.radius(i)) + static_cast<double>(targets.radius(j))) + common_radii;

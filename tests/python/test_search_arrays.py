@@ -102,6 +102,34 @@ def test_results_outlive_their_finder(expected):
     assert pairs(found) == expected
 
 
+@pytest.mark.parametrize("output", ["contacts", "neighbors", "counts"])
+def test_memory_of_results_serves_again_but_never_while_held(device, output):
+    finder, to = fc.ContactFinder(), np.asarray if device == "cpu" else pytest.importorskip("cupy").asarray
+    fields = {"contacts": ("first", "second", "gap", "normal"), "neighbors": ("offsets", "indices"), "counts": ()}[
+        output
+    ]
+
+    def arrays_of(found):
+        return [getattr(found, field) for field in fields] or [found]
+
+    def search(step):
+        return arrays_of(finder.find_contacts(to(POSITION * (1 + 0.01 * step)), to(RADIUS), output=output))
+
+    def address(array):
+        return array.ctypes.data if device == "cpu" else array.data.ptr
+
+    held, bytes_of, places = [], [], set()
+    for step in range(12):
+        found = search(step)
+        places |= {address(array) for array in found}
+        if step % 2:  # every other result is kept: one whole, one as a part of each array
+            held += found if step % 4 == 1 else [array[2:] for array in found]
+            bytes_of += [fc.to_numpy(array).tobytes() for array in held[len(bytes_of) :]]
+        del found
+    assert [fc.to_numpy(array).tobytes() for array in held] == bytes_of
+    assert len(places) < 12 * len(search(0))  # the others' memory has served again
+
+
 def test_a_finder_serves_any_input(expected):
     finder = fc.ContactFinder()
     for _ in range(2):
@@ -297,6 +325,25 @@ def test_a_list_that_does_not_fit_into_the_memory_is_refused():
     with pytest.raises(fc.OutOfMemory, match="found 2147516416; allowed: at most"):
         fc.find_contacts(position, 0.25)
     assert fc.find_contacts(position, 0.25, output="total") == 2_147_516_416
+
+
+def test_more_pairs_than_32_bits_can_count_on_a_gpu(gpu):
+    position = on_gpu(np.full((65_537, 3), 1.5, np.float32))
+    assert fc.find_contacts(position, 0.25, output="total") == 2_147_516_416
+    assert (fc.to_numpy(fc.find_contacts(position, 0.25, output="counts")) == 65_536).all()
+
+
+def test_a_list_that_does_not_fit_on_a_gpu_is_refused(gpu):
+    cupy = pytest.importorskip("cupy")
+    position = on_gpu(np.full((20_000, 3), 1.5, np.float32))
+    cupy.get_default_memory_pool().free_all_blocks()
+    finder = fc.ContactFinder()
+    assert len(finder.find_contacts(position[:4], 0.25)) == 6
+    occupied = cupy.cuda.memory.Memory(cupy.cuda.runtime.memGetInfo()[0] - 2**29)
+    with pytest.raises(fc.OutOfMemory, match=r"contacts: found 199990000; allowed: .* are free"):
+        finder.find_contacts(position, 0.25)
+    assert len(finder.find_contacts(position[:4], 0.25)) == 6
+    del occupied
 
 
 def test_a_failed_search_leaves_the_finder_whole(expected):

@@ -6,14 +6,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference.all_pairs import GOLDEN_SETS, boundary_partners, golden_cloud, pair_hash, pairs_within
+from reference.gpu_finder import GpuFinder, no_gpu
 
 TYPES = [np.float32, np.float64]
 each_type = pytest.mark.parametrize("dtype", TYPES, ids=lambda dtype: dtype.__name__)
 
 
-@pytest.fixture(scope="module", params=["generic", "none", "avx2", "avx512"])
+@pytest.fixture(scope="module", params=["generic", "none", "avx2", "avx512", pytest.param("cuda", marks=no_gpu)])
 def finder(request):
-    """The form that a GPU runs, and the CPU's at each width of its vector units (or the widest there is)."""
+    """The form that a GPU runs, the CPU's at each width of its vector units (or the widest there is), and a GPU."""
+    if request.param == "cuda":
+        yield GpuFinder()
+        return
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FASTCOLLIDE_SIMD", request.param)
         finder = fc.ContactFinder(threads=2)

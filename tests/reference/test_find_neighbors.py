@@ -6,13 +6,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference.all_pairs import pairs_within
+from reference.gpu_finder import GpuFinder, no_gpu
 
 TYPES = [np.float32, np.float64]
 each_type = pytest.mark.parametrize("dtype", TYPES, ids=lambda dtype: dtype.__name__)
 
 
-@pytest.fixture(scope="module", params=["generic", "fast"])
+@pytest.fixture(scope="module", params=["generic", "fast", pytest.param("cuda", marks=no_gpu)])
 def finder(request):
+    if request.param == "cuda":
+        return GpuFinder()
     finder = fc.ContactFinder(threads=2)
     finder._finder.use_generic_form(request.param == "generic")
     return finder
