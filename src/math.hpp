@@ -40,6 +40,7 @@ struct alignas(16) Vec4 {
 
 FC_HOST_DEVICE inline Vec3 operator+(Vec3 a, Vec3 b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
 FC_HOST_DEVICE inline Vec3 operator-(Vec3 a, Vec3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+FC_HOST_DEVICE inline Vec3 operator-(Vec3 a) { return {-a.x, -a.y, -a.z}; }
 FC_HOST_DEVICE inline Vec3 operator*(Vec3 a, float s) { return {a.x * s, a.y * s, a.z * s}; }
 FC_HOST_DEVICE inline float dot(Vec3 a, Vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 FC_HOST_DEVICE inline Vec3 cross(Vec3 a, Vec3 b) {
@@ -149,6 +150,19 @@ FC_HOST_DEVICE inline Word atomic_add(Word* target, std::type_identity_t<Word> v
   return std::atomic_ref<Word>(*target).fetch_add(value, std::memory_order_relaxed);
 #else
   return (*target += value) - value;  // host pass of nvcc: compiled, never run
+#endif
+}
+
+// Puts a value in and returns what was there.
+FC_HOST_DEVICE inline std::uint32_t atomic_exchange(std::uint32_t* target, std::uint32_t value) {
+#if defined(__CUDA_ARCH__)
+  return atomicExch(target, value);
+#elif !defined(__CUDACC__)
+  return std::atomic_ref<std::uint32_t>(*target).exchange(value, std::memory_order_relaxed);
+#else
+  const std::uint32_t found = *target;
+  *target = value;  // host pass of nvcc: compiled, never run
+  return found;
 #endif
 }
 

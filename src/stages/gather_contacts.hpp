@@ -1,6 +1,7 @@
 // What all contacts of a substep do to each sphere, and whom it hits.
 #pragma once
 
+#include "contact_memory.hpp"
 #include "substep_scratch.hpp"
 
 namespace fastcollide {
@@ -15,6 +16,7 @@ struct GatherContacts {
   Vec3* turn;  // or null
   std::uint32_t* pick;
   std::uint64_t* first_fault;
+  MemoryPass memory = {};  // of a rough world
 
   // The fastest approach wins, then the smaller id: an order that is the same for both spheres of a pair.
   struct Approach {
@@ -75,30 +77,60 @@ struct GatherContacts {
       if (law.gravity == 0.0f || (is_fast && crowding_here == 0.0f)) return;
       const float pushed_depth = larger(depth - slop, 0.0f);
       const float share = mass_share(self.mass, neighbor.mass);
-      const float speed = resting_speed_change(pushed_depth, approach, smaller_radius, crowding_here, law);
+      const float push = resting_push(pushed_depth, smaller_radius, crowding_here, law), speed = push - approach;
       const float part = 1.0f / larger(1.0f, crowding_here);
       add_change(sum, pair.contact.normal * (speed * part * share));
-      if (const float friction = friction_between(grid, slot, other); friction > 0.0f && speed > 0.0f) {
-        const Rub rub = rub_pair(self, neighbor, spin, grid.spins[other], self.velocity - neighbor.velocity,
-                                 pair.contact, speed * part, friction, part);
-        add_change(sum, rub.velocity);
-        add_turn(sum, rub.turn);
-      }
-      if (resists_rolling(substep, grid) && speed > 0.0f) {
-        add_turn(sum, resist_rolling_of_pair(self, neighbor, spin, grid.spins[other], speed * part,
-                                             law.rolling_friction, part));
+      if (grid.spins != nullptr) {
+        rub(slot, other, self, neighbor, spin, pair.contact, push, speed, part, sum);
       }
       const float weight = mass_weight(self.mass, neighbor.mass) * load_weight(pushed_depth, law);
       add_contact(sum.crowd, pair.contact.normal, weight);
     };
     neighbors.visit(grid, slot, self.position, lane, visit);
-    if (lane.index == 0 && law.gravity > 0.0f) gather_walls(self, own_crowding, spin, sum);
+    if (lane.index == 0 && law.gravity > 0.0f) gather_walls(slot, self, own_crowding, spin, sum);
     return sum;
   }
 
-  FC_HOST_DEVICE void gather_walls(const Sphere& self, float crowding, Vec3 spin, Sum& sum) const {
+  FC_HOST_DEVICE void rub(std::int64_t slot, std::int64_t other, const Sphere& self, const Sphere& neighbor, Vec3 spin,
+                          const ContactGeometry& contact, float push, float speed, float part, Sum& sum) const {
+    const float normal_change = larger(speed, 0.0f) * part, friction = friction_between(grid, slot, other);
+    const Vec3 other_spin = grid.spins[other];
+    ContactStretch stretch{{0, 0, 0}, {0, 0, 0}};
+    if (friction > 0.0f && push > 0.0f && memory.is_kept()) {
+      stretch = memory.of_pair(self, neighbor);
+      const PairSlip slip(self, neighbor, spin, other_spin, contact.depth);
+      const Vec3 before = velocity_in_slot(grid, slot) - velocity_in_slot(grid, other);
+      const Hold held = hold(slip.at(self.velocity - neighbor.velocity, contact.normal),
+                             slip.at(before, contact.normal), stretch.slide, contact.normal, push, normal_change,
+                             friction, part, substep.law.substep);
+      const Rub rub = slip.rub(held.change * mass_share(self.mass, neighbor.mass), contact.normal);
+      add_change(sum, rub.velocity);
+      add_turn(sum, rub.turn);
+      stretch.slide = held.stretch;
+      if (MemoryPass::is_owner(self, neighbor)) remember(self.id, neighbor.id, stretch);
+    } else if (friction > 0.0f && speed > 0.0f) {
+      const Rub rub = rub_pair(self, neighbor, spin, other_spin, self.velocity - neighbor.velocity, contact,
+                               normal_change, friction, part);
+      add_change(sum, rub.velocity);
+      add_turn(sum, rub.turn);
+    }
+    if (resists_rolling(substep, grid) && speed > 0.0f) {
+      add_turn(sum, resist_rolling_of_pair(self, neighbor, spin, other_spin, normal_change,
+                                           substep.law.rolling_friction, part));
+    }
+  }
+
+  FC_HOST_DEVICE void remember(std::uint32_t owner, std::uint32_t partner, const ContactStretch& stretch) const {
+    if (stretch.is_none()) return;
+    const std::uint32_t wanted = memory.to.add(owner, partner, stretch);
+    if (wanted == 0) return;
+    atomic_max(memory.wanted, wanted);
+    atomic_min(first_fault, fault_word(substep.frame, owner, FaultKind::memory_full));
+  }
+
+  FC_HOST_DEVICE void gather_walls(std::int64_t slot, const Sphere& self, float crowding, Vec3 spin, Sum& sum) const {
     const SoftContactLaw& law = substep.law;
-    auto visit_wall = [&](Vec3 normal, float depth, bool) {
+    auto visit_wall = [&](Vec3 normal, float depth, int side) {
       if (depth <= -law.impact_speed * law.substep) return;
       const float approach = dot(self.velocity, normal);
       const float approach_before_gravity = approach - dot(substep.gravity, normal) * law.substep;
@@ -108,12 +140,25 @@ struct GatherContacts {
       ++sum.contacts;
       add_contact(sum.crowd, normal, load_weight(larger(depth, 0.0f), law));
       const float part = 1.0f / larger(1.0f, crowding);
-      const float speed =
-          (depth > 0.0f ? resting_speed_change(depth, approach, self.radius, crowding, law) : closing) * part;
+      const float push = depth > 0.0f ? resting_push(depth, self.radius, crowding, law) : 0.0f;
+      const float speed = (depth > 0.0f ? push - approach : closing) * part;
       add_change(sum, normal * speed);
-      if (substep.wall.friction > 0.0f && speed > 0.0f) {
-        const Rub rub = rub_wall(self.radius, spin, grid.spins != nullptr, self.velocity, normal, speed,
-                                 substep.wall.friction, part);
+      const float friction = substep.wall.friction, normal_change = larger(speed, 0.0f);
+      if (friction > 0.0f && push > 0.0f && memory.is_kept()) {
+        const std::uint32_t wall_id = ContactState::first_wall + static_cast<std::uint32_t>(side);
+        ContactStretch stretch = memory.from.find(self.id, wall_id);
+        const WallSlip slip(self.radius, spin, true);
+        const Hold held =
+            hold(slip.at(self.velocity, normal), slip.at(velocity_in_slot(grid, slot), normal), stretch.slide, normal,
+                 push, normal_change, friction, part, law.substep);
+        const Rub rub = slip.rub(held.change, normal);
+        add_change(sum, rub.velocity);
+        add_turn(sum, rub.turn);
+        stretch.slide = held.stretch;
+        remember(self.id, wall_id, stretch);
+      } else if (friction > 0.0f && speed > 0.0f) {
+        const Rub rub =
+            rub_wall(self.radius, spin, grid.spins != nullptr, self.velocity, normal, speed, friction, part);
         add_change(sum, rub.velocity);
         add_turn(sum, rub.turn);
       }
@@ -153,7 +198,7 @@ ToBodies to_bodies(Bodies<B>& bodies, SubstepScratch<B>& scratch) {
 
 template <Backend B>
 void gather_contacts(B& backend, const Substep& substep, const Grid<B>& grid, Bodies<B>& bodies,
-                     SubstepScratch<B>& scratch, std::uint64_t* first_fault) {
+                     SubstepScratch<B>& scratch, const MemoryPass& memory, std::uint64_t* first_fault) {
   scratch.velocity_change.resize(bodies.count());
   scratch.pick.resize(bodies.count());
   scratch.turn.resize(bodies.is_rough ? bodies.count() : 0);
@@ -164,7 +209,8 @@ void gather_contacts(B& backend, const Substep& substep, const Grid<B>& grid, Bo
                                                                            scratch.velocity_change.data(),
                                                                            scratch.turn.data(),
                                                                            scratch.pick.data(),
-                                                                           first_fault});
+                                                                           first_fault,
+                                                                           memory});
 }
 
 }  // namespace fastcollide

@@ -27,7 +27,7 @@ struct MeasureCrowding {
       add_contact(sum, pair.contact.normal, weight);
     };
     visit_neighbor_cells(grid, slot, self.position, visit);
-    auto visit_wall = [&](Vec3 normal, float depth, bool) {
+    auto visit_wall = [&](Vec3 normal, float depth, int) {
       if (depth <= 0.0f || dot(self.velocity, normal) < -law.impact_speed) return;
       add_contact(sum, normal, load_weight(depth, law));
     };
