@@ -1,6 +1,7 @@
 // Friction that remembers: the slip of two surfaces since they met stretches a spring, which holds a load without any
 // slip. The slider of Cundall and Strack, "A discrete numerical model for granular assemblies", Géotechnique 29 (1979),
-// as an impulse of one substep, in the form of the normal law: a spring and a damper, cut by the crowding.
+// as an impulse of one substep, in the form of the normal law: a spring and a damper, cut by the crowding. Rolling
+// resistance gets the same spring: the elastic-plastic model, type C, of the paper in rolling_resistance.hpp.
 #pragma once
 
 #include "friction.hpp"
@@ -9,8 +10,17 @@
 
 namespace fastcollide {
 
-// A stretch times this per substep becomes slip the other way, as `spring` does with an overlap.
-inline constexpr float tangential_spring = 1.0f;
+// The spring is as stiff as that of the normal. A contact alone gets all of the damper, so that slip and spin of a lone
+// sphere end at once. In a crowd each contact pulls along two directions and turns the sphere as well; with this factor
+// spring and damper of normal, slide and spin together stay stable (their sum below 4 / (2 + spring)) between 2, 6 and
+// 12 fixed neighbours. Piles of 800 with friction 0.5, after 15 s: r.m.s. of radius times spin 0.13 m/s with 1, 0.07 with
+// 2, 0.016 with 4.
+inline constexpr float crowding_of_slide = 4.0f;
+
+// As 1 / crowding is for the normal: which part of what a contact wants to change it may change.
+FC_HOST_DEVICE inline float tangential_part(float crowding) {
+  return 1.0f / larger(1.0f, crowding_of_slide * (crowding - 1.0f) + 1.0f);
+}
 
 // What a contact remembers, seen from one of the two; from the other one it is the negative.
 struct ContactStretch {
@@ -43,15 +53,25 @@ struct Hold {
   Vec3 stretch;  // [m]
 };
 
-// slip: of this substep, with its gravity; before: without, which is what the surfaces have moved by since the last one.
+// slip: of this substep, with its gravity; before: without, which is how the surfaces have moved since the last one.
 // The spring holds no more than friction times what that of the normal, `push`, does; spring and damper together no more
 // than friction times normal_change.
 FC_HOST_DEVICE inline Hold hold(const Slip& slip, const Slip& before, Vec3 stretch, Vec3 normal, float push,
                                 float normal_change, float friction, float part, float substep) {
+  const float time = substep / spring;
   const Vec3 moved = laid_into_plane(stretch, normal) + before.velocity * substep;
-  const Vec3 kept = cut_to(moved, friction * push * slip.resistance * (substep / tangential_spring));
-  const Slip with_spring{slip.velocity + kept * (tangential_spring / substep), slip.resistance};
-  return {friction_change(with_spring, normal_change, friction, part), kept};
+  const Vec3 kept = cut_to(moved, friction * push * slip.resistance * time);
+  return {friction_change({slip.velocity + kept * (1.0f / time), slip.resistance}, normal_change, friction, part),
+          kept};
+}
+
+// Likewise what rolling resistance does to a relative spin [rad/s]; lever: rolling_friction as the change of relative
+// spin by a unit of normal change [rad/m].
+FC_HOST_DEVICE inline Hold hold_roll(Vec3 spin, Vec3 stretch, float push, float normal_change, float lever, float part,
+                                     float substep) {
+  const float time = substep / spring;
+  const Vec3 kept = cut_to(stretch + spin * substep, lever * push * time);
+  return {brake(spin + kept * (1.0f / time), lever * normal_change, part), kept};
 }
 
 }  // namespace fastcollide

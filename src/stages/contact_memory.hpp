@@ -87,7 +87,12 @@ struct MemoryPass {
     return is_fixed(other.mass) || self.radius < other.radius || (self.radius == other.radius && self.id < other.id);
   }
   FC_HOST_DEVICE ContactStretch of_pair(const Sphere& self, const Sphere& other) const {
+    if (!is_kept()) return {};
     return is_owner(self, other) ? from.find(self.id, other.id) : -from.find(other.id, self.id);
+  }
+  FC_HOST_DEVICE ContactStretch of_wall(const Sphere& self, std::uint32_t wall) const {
+    if (!is_kept()) return {};
+    return from.find(self.id, wall);
   }
 };
 

@@ -80,8 +80,10 @@ struct GatherContacts {
       const float push = resting_push(pushed_depth, smaller_radius, crowding_here, law), speed = push - approach;
       const float part = 1.0f / larger(1.0f, crowding_here);
       add_change(sum, pair.contact.normal * (speed * part * share));
-      if (grid.spins != nullptr) {
-        rub(slot, other, self, neighbor, spin, pair.contact, push, speed, part, sum);
+      if (grid.spins != nullptr && (push > 0.0f || speed > 0.0f)) {
+        rub({slot, other, self, neighbor, spin, pair.contact, push, larger(speed, 0.0f) * part,
+             tangential_part(crowding_here)},
+            sum);
       }
       const float weight = mass_weight(self.mass, neighbor.mass) * load_weight(pushed_depth, law);
       add_contact(sum.crowd, pair.contact.normal, weight);
@@ -91,37 +93,43 @@ struct GatherContacts {
     return sum;
   }
 
-  FC_HOST_DEVICE void rub(std::int64_t slot, std::int64_t other, const Sphere& self, const Sphere& neighbor, Vec3 spin,
-                          const ContactGeometry& contact, float push, float speed, float part, Sum& sum) const {
-    const float normal_change = larger(speed, 0.0f) * part, friction = friction_between(grid, slot, other);
-    const Vec3 other_spin = grid.spins[other];
-    ContactStretch stretch{{0, 0, 0}, {0, 0, 0}};
-    if (friction > 0.0f && push > 0.0f && memory.is_kept()) {
-      stretch = memory.of_pair(self, neighbor);
-      const PairSlip slip(self, neighbor, spin, other_spin, contact.depth);
-      const Vec3 before = velocity_in_slot(grid, slot) - velocity_in_slot(grid, other);
-      const Hold held = hold(slip.at(self.velocity - neighbor.velocity, contact.normal),
-                             slip.at(before, contact.normal), stretch.slide, contact.normal, push, normal_change,
-                             friction, part, substep.law.substep);
-      const Rub rub = slip.rub(held.change * mass_share(self.mass, neighbor.mass), contact.normal);
-      add_change(sum, rub.velocity);
-      add_turn(sum, rub.turn);
+  struct RoughPair {
+    std::int64_t slot, other;
+    const Sphere &self, &neighbor;
+    Vec3 spin;
+    const ContactGeometry& contact;
+    float push, normal_change, part;
+  };
+
+  FC_HOST_DEVICE void rub(const RoughPair& pair, Sum& sum) const {
+    const Sphere &self = pair.self, &neighbor = pair.neighbor;
+    const Vec3 normal = pair.contact.normal, other_spin = grid.spins[pair.other];
+    const float friction = friction_between(grid, pair.slot, pair.other), h = substep.law.substep;
+    const bool rolls = resists_rolling(substep, grid);
+    if (!(friction > 0.0f || rolls)) return;
+    ContactStretch stretch = memory.of_pair(self, neighbor);
+    if (friction > 0.0f) {
+      const PairSlip slip(self, neighbor, pair.spin, other_spin, pair.contact.depth);
+      const Vec3 before = velocity_in_slot(grid, pair.slot) - velocity_in_slot(grid, pair.other);
+      const Hold held = hold(slip.at(self.velocity - neighbor.velocity, normal), slip.at(before, normal), stretch.slide,
+                             normal, pair.push, pair.normal_change, friction, pair.part, h);
       stretch.slide = held.stretch;
-      if (MemoryPass::is_owner(self, neighbor)) remember(self.id, neighbor.id, stretch);
-    } else if (friction > 0.0f && speed > 0.0f) {
-      const Rub rub = rub_pair(self, neighbor, spin, other_spin, self.velocity - neighbor.velocity, contact,
-                               normal_change, friction, part);
+      const Rub rub = slip.rub(held.change * mass_share(self.mass, neighbor.mass), normal);
       add_change(sum, rub.velocity);
       add_turn(sum, rub.turn);
     }
-    if (resists_rolling(substep, grid) && speed > 0.0f) {
-      add_turn(sum, resist_rolling_of_pair(self, neighbor, spin, other_spin, normal_change,
-                                           substep.law.rolling_friction, part));
+    if (rolls) {
+      const RollingPair rolling(self, neighbor);
+      const Hold held = hold_roll(pair.spin - other_spin, stretch.roll, pair.push, pair.normal_change,
+                                  substep.law.rolling_friction * rolling.lever, pair.part, h);
+      stretch.roll = held.stretch;
+      add_turn(sum, rolling.turn(held.change));
     }
+    if (MemoryPass::is_owner(self, neighbor)) remember(self.id, neighbor.id, stretch);
   }
 
   FC_HOST_DEVICE void remember(std::uint32_t owner, std::uint32_t partner, const ContactStretch& stretch) const {
-    if (stretch.is_none()) return;
+    if (stretch.is_none() || !memory.is_kept()) return;
     const std::uint32_t wanted = memory.to.add(owner, partner, stretch);
     if (wanted == 0) return;
     atomic_max(memory.wanted, wanted);
@@ -143,30 +151,42 @@ struct GatherContacts {
       const float push = depth > 0.0f ? resting_push(depth, self.radius, crowding, law) : 0.0f;
       const float speed = (depth > 0.0f ? push - approach : closing) * part;
       add_change(sum, normal * speed);
-      const float friction = substep.wall.friction, normal_change = larger(speed, 0.0f);
-      if (friction > 0.0f && push > 0.0f && memory.is_kept()) {
-        const std::uint32_t wall_id = ContactState::first_wall + static_cast<std::uint32_t>(side);
-        ContactStretch stretch = memory.from.find(self.id, wall_id);
-        const WallSlip slip(self.radius, spin, true);
-        const Hold held =
-            hold(slip.at(self.velocity, normal), slip.at(velocity_in_slot(grid, slot), normal), stretch.slide, normal,
-                 push, normal_change, friction, part, law.substep);
-        const Rub rub = slip.rub(held.change, normal);
-        add_change(sum, rub.velocity);
-        add_turn(sum, rub.turn);
-        stretch.slide = held.stretch;
-        remember(self.id, wall_id, stretch);
-      } else if (friction > 0.0f && speed > 0.0f) {
+      if (grid.spins != nullptr) {
+        if (push > 0.0f || speed > 0.0f) {
+          rub_at_wall(slot, self, spin, normal, side, push, larger(speed, 0.0f), tangential_part(crowding), sum);
+        }
+      } else if (substep.wall.friction > 0.0f && speed > 0.0f) {
         const Rub rub =
-            rub_wall(self.radius, spin, grid.spins != nullptr, self.velocity, normal, speed, friction, part);
+            rub_wall(self.radius, spin, false, self.velocity, normal, speed, substep.wall.friction, part);
         add_change(sum, rub.velocity);
-        add_turn(sum, rub.turn);
-      }
-      if (resists_rolling(substep, grid) && speed > 0.0f) {
-        add_turn(sum, resist_rolling_at_wall(self.radius, spin, speed, law.rolling_friction, part));
       }
     };
     visit_walls(self.position, self.radius, substep.box, visit_wall);
+  }
+
+  FC_HOST_DEVICE void rub_at_wall(std::int64_t slot, const Sphere& self, Vec3 spin, Vec3 normal, int side, float push,
+                                  float normal_change, float part, Sum& sum) const {
+    const float friction = substep.wall.friction, h = substep.law.substep;
+    const bool rolls = resists_rolling(substep, grid);
+    if (!(friction > 0.0f || rolls)) return;
+    const std::uint32_t wall = ContactState::first_wall + static_cast<std::uint32_t>(side);
+    ContactStretch stretch = memory.of_wall(self, wall);
+    if (friction > 0.0f) {
+      const WallSlip slip(self.radius, spin, true);
+      const Hold held = hold(slip.at(self.velocity, normal), slip.at(velocity_in_slot(grid, slot), normal),
+                             stretch.slide, normal, push, normal_change, friction, part, h);
+      stretch.slide = held.stretch;
+      const Rub rub = slip.rub(held.change, normal);
+      add_change(sum, rub.velocity);
+      add_turn(sum, rub.turn);
+    }
+    if (rolls) {
+      const float lever = substep.law.rolling_friction * 2.5f / self.radius;
+      const Hold held = hold_roll(spin, stretch.roll, push, normal_change, lever, part, h);
+      stretch.roll = held.stretch;
+      add_turn(sum, held.change * self.radius);
+    }
+    remember(self.id, wall, stretch);
   }
 
   FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const {
