@@ -80,8 +80,8 @@ struct GatherContacts {
       const float push = resting_push(pushed_depth, smaller_radius, crowding_here, law), speed = push - approach;
       const float part = 1.0f / larger(1.0f, crowding_here);
       add_change(sum, pair.contact.normal * (speed * part * share));
-      if (grid.spins != nullptr && (push > 0.0f || speed > 0.0f)) {
-        rub({slot, other, self, neighbor, spin, pair.contact, push, larger(speed, 0.0f) * part,
+      if (grid.spins != nullptr) {
+        rub({slot, other, self, neighbor, spin, pair.contact, larger(push, speed) * part, larger(speed, 0.0f) * part,
              tangential_part(crowding_here)},
             sum);
       }
@@ -106,7 +106,7 @@ struct GatherContacts {
     const Vec3 normal = pair.contact.normal, other_spin = grid.spins[pair.other];
     const float friction = friction_between(grid, pair.slot, pair.other), h = substep.law.substep;
     const bool rolls = resists_rolling(substep, grid);
-    if (!(friction > 0.0f || rolls)) return;
+    if (!(pair.push > 0.0f && (friction > 0.0f || rolls))) return;
     ContactStretch stretch = memory.of_pair(self, neighbor);
     if (friction > 0.0f) {
       const PairSlip slip(self, neighbor, pair.spin, other_spin, pair.contact.depth);
@@ -149,12 +149,12 @@ struct GatherContacts {
       add_contact(sum.crowd, normal, load_weight(larger(depth, 0.0f), law));
       const float part = 1.0f / larger(1.0f, crowding);
       const float push = depth > 0.0f ? resting_push(depth, self.radius, crowding, law) : 0.0f;
-      const float speed = (depth > 0.0f ? push - approach : closing) * part;
+      const float asked = depth > 0.0f ? push - approach : closing, speed = asked * part;
       add_change(sum, normal * speed);
       if (grid.spins != nullptr) {
-        if (push > 0.0f || speed > 0.0f) {
-          rub_at_wall(slot, self, spin, normal, side, push, larger(speed, 0.0f), tangential_part(crowding), sum);
-        }
+        // A sphere at rest may touch a wall without reaching into it, so that no spring pushes it.
+        rub_at_wall(slot, self, spin, normal, side, larger(push, asked) * part, larger(speed, 0.0f),
+                    tangential_part(crowding), sum);
       } else if (substep.wall.friction > 0.0f && speed > 0.0f) {
         const Rub rub =
             rub_wall(self.radius, spin, false, self.velocity, normal, speed, substep.wall.friction, part);
