@@ -85,7 +85,7 @@ struct GatherContacts {
              tangential_part(crowding_here)},
             sum);
       }
-      const float weight = mass_weight(self.mass, neighbor.mass) * load_weight(pushed_depth, law);
+      const float weight = mass_weight(self.mass, neighbor.mass) * load_weight_in(grid, pushed_depth, law);
       add_contact(sum.crowd, pair.contact.normal, weight);
     };
     neighbors.visit(grid, slot, self.position, lane, visit);
@@ -146,7 +146,7 @@ struct GatherContacts {
       const float closing = depth / law.substep - approach;  // > 0: in touch at the end of the substep
       if (depth <= 0.0f && closing <= 0.0f) return;
       ++sum.contacts;
-      add_contact(sum.crowd, normal, load_weight(larger(depth, 0.0f), law));
+      add_contact(sum.crowd, normal, load_weight_in(grid, larger(depth, 0.0f), law));
       const float part = 1.0f / larger(1.0f, crowding);
       const float push = depth > 0.0f ? resting_push(depth, self.radius, crowding, law) : 0.0f;
       const float asked = depth > 0.0f ? push - approach : closing, speed = asked * part;

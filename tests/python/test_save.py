@@ -345,7 +345,7 @@ three = np.ones(3, "<f4")
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda m, a: m.update(version=2), r"manifest.json: found version 2; allowed: version 1"),
+        (lambda m, a: m.update(version=3), r"manifest.json: found version 3; allowed: version 1 or 2"),
         (lambda m, a: m.update(format="other"), "another format"),
         (lambda m, a: m.pop("blocks"), "list of blocks"),
         (lambda m, a: m.pop("options"), "no world"),
