@@ -26,7 +26,7 @@ from fastcollide.files import written_durably
 FORMAT = "fastcollide world"
 VERSION = 2  # 2: what rough contacts remember
 READABLE = (1, 2)
-DTYPES = ("<f4", "<u4")
+IDS = ("contact_owner", "contact_partner")  # the arrays that hold ids; all others hold float32
 MANIFEST = "manifest.json"
 # What zipfile raises, one way or the other, where an archive is not as it must be.
 _ZIP_ERRORS = (
@@ -53,14 +53,13 @@ class Archive:
 def write_archive(path: str | os.PathLike[str], contents: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
     """Writes a file; under its name it is whole or not there at all, and it is on the disk when this returns.
 
-    contents: values of JSON; arrays: float32 or uint32. Raises OSError where the file cannot be written.
+    contents: values of JSON; arrays: float32, uint32 for ids. Raises OSError where the file cannot be written.
     """
     blocks: dict[str, dict[str, int]] = {}
     with written_durably(Path(path)) as unfinished, zipfile.ZipFile(unfinished, "w") as archive:
         for name, array in arrays.items():
             block = BytesIO()
-            dtype = "<u4" if np.asarray(array).dtype == np.uint32 else "<f4"
-            np.lib.format.write_array(block, np.asarray(array, dtype=dtype, order="C"), allow_pickle=False)
+            np.lib.format.write_array(block, np.asarray(array, dtype=_dtype_of(name), order="C"), allow_pickle=False)
             blocks[f"{name}.npy"] = _measure(block.getbuffer())
             _add_block(archive, f"{name}.npy", block.getbuffer())
         manifest = {"format": FORMAT, "version": VERSION, **contents, "blocks": blocks}
@@ -140,13 +139,17 @@ def _check_block(path: Path, block: str, content: bytes, about: Any) -> None:
         raise CheckpointError(path, block, words, f"those that the manifest names: {about}")
 
 
-def _array_in(path: Path, block: str, content: bytes) -> NDArray[np.float32]:
+def _dtype_of(name: str) -> str:
+    return "<u4" if name in IDS else "<f4"
+
+
+def _array_in(path: Path, block: str, content: bytes) -> NDArray[np.float32 | np.uint32]:
     """The array in a block, without a copy. Its header is looked at first: numpy would make room for any shape."""
     file = BytesIO(content)
     try:
         np.lib.format.read_magic(file)
         shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(file)
-        if is_fortran or dtype.str not in DTYPES:
+        if is_fortran or dtype != np.dtype(_dtype_of(block.removesuffix(".npy"))):
             raise ValueError(f"{dtype}{' in Fortran order' if is_fortran else ''}")
         return np.frombuffer(content, dtype, offset=file.tell()).reshape(shape)
     except ValueError as error:

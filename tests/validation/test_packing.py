@@ -56,7 +56,7 @@ def test_random_loose_packing(device, publish):
     samples = []
     for substep in substeps:
         world = packing.rain(1500, 8.0, friction=10.0, restitution=0.1, device=device, seed=1)
-        packing.settle(world, 12, substep)
+        packing.settle(world, 20, substep)
         samples.append([])
         for _ in range(8):
             packing.settle(world, 1, substep)
