@@ -348,6 +348,8 @@ class EngineOn final : public Engine {
     const StateCheck found = check();
     bring_in(backend_, box(), bodies_);
     largest_radius_ = float_of(static_cast<std::uint32_t>(found.largest_radius));
+    has_friction_ = options_.solver == Solver::substep && bodies_.is_rough &&
+                    (found.largest_friction > 0 || options_.wall_friction > 0.0f || options_.rolling_friction > 0.0f);
     scratch_.grid.period = period_of(box());
     scratch_.grid.shape = choose_grid_shape(box(), largest_radius_, options_.cell_size, count(), opening_margin());
   }
@@ -367,7 +369,7 @@ class EngineOn final : public Engine {
 
   // Runs frames or, when something goes wrong in one of them, none.
   Watch run_frames(std::int64_t frames, const FrameParameters& parameters, bool may_have_changed) {
-    if (bodies_.is_rough && options_.solver == Solver::substep) memory_.resize(count(), words_of_memory());
+    if (has_friction_ || memory_.is_kept()) memory_.resize(count(), words_of_memory());
     Watch watch = try_frames(frames, parameters, may_have_changed);
     while (!memory_.had_room(watch)) watch = try_frames(frames, parameters, true);
     if (watch.first_fault == no_fault) memory_.end_run(static_cast<std::uint32_t>(frames * options_.iterations));
@@ -442,6 +444,7 @@ class EngineOn final : public Engine {
   float largest_radius_ = 0;
   std::int64_t frames_at_once_ = B::frames_between_checks;
   bool is_crowding_known_ = false;
+  bool has_friction_ = false;  // of the default solver, where spheres turn: contacts remember
 };
 
 }  // namespace fastcollide
