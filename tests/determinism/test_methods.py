@@ -60,6 +60,19 @@ def test_a_rough_pile_that_comes_to_rest(device, rolling_friction):
         np.testing.assert_array_equal(saved[0][name], saved[1][name])
 
 
+def test_friction_that_comes_and_goes(device, write):
+    """Between two steps: what is remembered grows with the world and is forgotten without friction."""
+    bounds = ((0, 0, 0), (2, 2, 3))
+    worlds = both_methods(device, "substep", rough(fc.random_spheres(300, bounds, radius=(0.05, 0.12))), bounds=bounds)
+    assert_equal_steps(worlds, (60,))
+    for friction in (0.0, 0.4):
+        for world in worlds:
+            write(world.frictions, np.full(len(world), friction, np.float32))
+            world.add(fc.random_spheres(20, bounds, seed=len(world), radius=(0.05, 0.12)))
+        assert_equal_steps(worlds, (1, 20))
+        assert ("contact_owner" in worlds[0]._world.save()) == (friction > 0)
+
+
 def test_more_rough_contacts_than_a_row_holds(device):
     """Spheres in cups of twelve fixed ones, which the free one remembers all; the memory grows on the way."""
     angle = np.arange(12) * np.pi / 6

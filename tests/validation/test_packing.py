@@ -7,7 +7,7 @@ Onoda and E. G. Liniger, Phys. Rev. Lett. 64, 2727 (1990).
 from dataclasses import asdict
 
 import numpy as np
-from validation import packing
+from validation import heap, packing
 from validation.figures import Figure, mean_and_error
 
 
@@ -73,3 +73,19 @@ def test_random_loose_packing(device, publish):
         Figure("contacts of a sphere", samples[-1][-1]["coordination"], None, 4.0, 3.8, 5.0, "isostatic"),
     ]
     publish("loose_packing", "Random loose packing, friction 10", found, {"substeps": substeps, "samples": samples})
+
+
+def test_heap(device, publish):
+    """1,500 spheres that fall apart from a column into a heap keep its slope (of the cone with the same moments)."""
+    world = heap.column(1500, friction=0.5, rolling_friction=0.1, device=device)
+    packing.settle(world, 40, 0.004)
+    samples = []
+    for _ in range(9):
+        samples.append({"time": world.time, **asdict(heap.measure(world))})
+        packing.settle(world, 10, 0.004)
+    first, last = samples[0]["slope"], samples[-1]["slope"]
+    found = [
+        Figure("slope [°]", last, None, 11.0, 9.0, 13.0, "this engine"),
+        Figure("its loss in a time of 80 [°]", first - last, None, 0.0, -0.01, 0.01, "at rest"),
+    ]
+    publish("heap", "Heap, friction 0.5, rolling friction 0.1", found, {"samples": samples})
