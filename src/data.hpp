@@ -177,7 +177,13 @@ struct Contacts {
 
 // The first thing that went wrong in a run, as one word that atomic_min can keep: the earliest frame, then the smallest
 // id, whatever thread saw it first.
-enum class FaultKind : std::uint8_t { not_finite = 1, out_of_range = 2, too_many_contacts = 3, out_of_reach = 4, memory_full = 5 };
+enum class FaultKind : std::uint8_t {
+  not_finite = 1,
+  out_of_range = 2,
+  too_many_contacts = 3,
+  out_of_reach = 4,
+  memory_full = 5
+};
 
 inline constexpr std::uint64_t no_fault = ~std::uint64_t(0);
 

@@ -25,8 +25,8 @@ class ListedFrames {
   // where nothing is returned: some sphere has so many near it that lists are no way to keep them.
   // `may_have_changed`: someone else may have written to the bodies since the last call.
   std::optional<Watch> run(const FrameParameters& frame, std::int64_t frames, bool may_have_changed,
-                           float largest_radius, const BodyArrays& bodies, std::int64_t count,
-                           ContactMemory<B>& memory, StageTimer& timer) {
+                           float largest_radius, const BodyArrays& bodies, std::int64_t count, ContactMemory<B>& memory,
+                           StageTimer& timer) {
     if (count == crowded_count_) return {};
     const bool is_new = count != count_;
     choose_lanes(count);

@@ -194,10 +194,9 @@ FC_HOST_DEVICE void solve_slots(Run& run, ListedWorld& world, Progress& progress
         Stage::gather_contacts, world.count,
         GatherContacts<ListedNeighbors, ToSlots>{step, world.grid(), neighbors, output, world.velocity_change,
                                                  world.turn, world.pick, &watch->first_fault, memory});
-    run.for_each(
-        Stage::apply_contacts, world.count,
-        ApplyContacts<ToSlots>{step, world.grid(), output, world.velocity_change, world.turn, world.pick, watch,
-                               memory.cleared});
+    run.for_each(Stage::apply_contacts, world.count,
+                 ApplyContacts<ToSlots>{step, world.grid(), output, world.velocity_change, world.turn, world.pick,
+                                        watch, memory.cleared});
   }
   world.swap_state();
   ++progress.state_swaps;

@@ -47,7 +47,8 @@ void simulate_substep_frame(B& backend, const FrameParameters& frame, Bodies<B>&
                             Scratch<B>& scratch, StageTimer& timer) {
   Watch* watch = scratch.watch.data();
   for (int substep = 0; substep < frame.iterations; ++substep) {
-    const auto pass = frame.substep.frame * static_cast<std::uint32_t>(frame.iterations) + static_cast<std::uint32_t>(substep);
+    const auto pass =
+        frame.substep.frame * static_cast<std::uint32_t>(frame.iterations) + static_cast<std::uint32_t>(substep);
     const MemoryPass remembered = memory.of_pass(pass);
     timer.time(backend, Stage::build_grid,
                [&] { build_grid(backend, bodies, scratch.substep.crowding.data(), scratch.grid); });

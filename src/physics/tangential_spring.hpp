@@ -12,9 +12,9 @@ namespace fastcollide {
 
 // The spring is as stiff as that of the normal. A contact alone gets all of the damper, so that slip and spin of a lone
 // sphere end at once. In a crowd each contact pulls along two directions and turns the sphere as well. An impulse that
-// takes the part c of a motion along with a spring is stable for c < 4 / (2 + spring) = 1.23; with this factor the largest
-// c of normal, slide and spin together is 1.05 between two fixed neighbours at a right angle, 1.23 between six and 1.18
-// between twelve all around. With 1 instead it is 1.5, 1.57 and 1.57, and spheres in a pile shake.
+// takes the part c of a motion along with a spring is stable for c < 4 / (2 + spring) = 1.23; with this factor the
+// largest c of normal, slide and spin together is 1.05 between two fixed neighbours at a right angle, 1.23 between six
+// and 1.18 between twelve all around. With 1 instead it is 1.5, 1.57 and 1.57, and spheres in a pile shake.
 inline constexpr float crowding_of_slide = 4.0f;
 
 // As 1 / crowding is for the normal: which part of what a contact wants to change it may change.
@@ -65,8 +65,8 @@ FC_HOST_DEVICE inline Hold hold(const Slip& slip, const Slip& before, Vec3 stret
           kept};
 }
 
-// Of the tangential part, what rolling resistance gets: it turns a sphere that friction turns too. The springs of both at
-// a lone contact on a wall are stable up to 0.3.
+// Of the tangential part, what rolling resistance gets: it turns a sphere that friction turns too. The springs of both
+// at a lone contact on a wall are stable up to 0.3.
 inline constexpr float part_of_roll = 0.25f;
 
 // Likewise what rolling resistance does to a relative spin [rad/s]; lever: rolling_friction as the change of relative

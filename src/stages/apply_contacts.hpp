@@ -33,8 +33,8 @@ struct ApplyContacts {
     }
     auto visit_wall = [&](Vec3 normal, float depth, int side) {
       collide_with_wall(self, slot, normal, depth + dot(self.position - position, normal),
-                        side == floor_side ? substep.wall.floor_restitution : self.restitution, position, velocity, spin,
-                        is_free);
+                        side == floor_side ? substep.wall.floor_restitution : self.restitution, position, velocity,
+                        spin, is_free);
     };
     visit_walls(self.position, self.radius, substep.box, visit_wall);
 

@@ -2,8 +2,8 @@
 //
 // Each sphere has a row of entries, found by its id, so that no sort and no list moves them. A pair has one entry, in
 // the row of the smaller of the two, which few larger ones can touch; both sides read it, and one writes it. A pass
-// reads the rows that the pass before it has written. Entries of a row may come in any order, and those for which it has
-// no place are chained.
+// reads the rows that the pass before it has written. Entries of a row may come in any order, and those for which it
+// has no place are chained.
 #pragma once
 
 #include "../data.hpp"

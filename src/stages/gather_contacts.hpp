@@ -156,8 +156,7 @@ struct GatherContacts {
         rub_at_wall(slot, self, spin, normal, side, larger(push, asked) * part, larger(speed, 0.0f),
                     tangential_part(crowding), sum);
       } else if (substep.wall.friction > 0.0f && speed > 0.0f) {
-        const Rub rub =
-            rub_wall(self.radius, spin, false, self.velocity, normal, speed, substep.wall.friction, part);
+        const Rub rub = rub_wall(self.radius, spin, false, self.velocity, normal, speed, substep.wall.friction, part);
         add_change(sum, rub.velocity);
       }
     };

@@ -58,8 +58,8 @@ FC_HOST_DEVICE inline float friction_between(const GridView& grid, std::int64_t 
   return grid.frictions == nullptr ? 0.0f : pair_friction(grid.frictions[a], grid.frictions[b]);
 }
 
-// Where friction works on a contact as well, even one that carries little has to count in full: with three quarters, three
-// rough spheres under a fourth one let go of it and caught it again in every other substep, and crept apart.
+// Where friction works on a contact as well, even one that carries little has to count in full: with three quarters,
+// three rough spheres under a fourth one let go of it and caught it again in every other substep, and crept apart.
 FC_HOST_DEVICE inline float load_weight_in(const GridView& grid, float depth, const SoftContactLaw& law) {
   return grid.spins == nullptr ? load_weight(depth, law) : 1.0f;
 }

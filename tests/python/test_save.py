@@ -384,7 +384,7 @@ three_contacts = {"contact_partner": np.array((1, 2, 1), "<u4"), "contact_slide"
         (put_array(contact_owner=np.array((0, 0, 3), "<u4"), **three_contacts), r"contact_owner\[2\]: found 3"),
         (put_array(contact_owner=np.array((0, 0, 1), "<u4"), **three_contacts), r"contact_partner\[2\]: found 1"),
         (put_array(contact_owner=np.array((0, 0, 0), "<u4"), **three_contacts), r"contact_partner\[2\]: found 1"),
-        (put_array(contact_owner=np.array((0, 0, 2), "<f4"), **three_contacts), r"contact_owner.npy: found no such array"),
+        (put_array(contact_owner=np.array((0, 0, 2), "<f4"), **three_contacts), "contact_owner.npy: found no such"),
         (put_array(mass=np.ones(3, "<u4")), r"mass.npy: found no such array \(uint32"),
         (lambda m, a: a["contact_slide"].fill(np.nan), r"contact_slide\[0\]"),
         (lambda m, a: a.update(contact_roll=a["contact_slide"]), "contact_roll: found"),

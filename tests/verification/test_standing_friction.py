@@ -55,8 +55,8 @@ def test_a_sphere_rolls_down_a_steeper_one(device, degrees):
 
 @pytest.mark.parametrize("iterations", [1, 5, 20])
 def test_a_pyramid_stands(device, iterations):
-    """The line from a lower sphere's contact with the floor to that with the upper one leans by 17.6°: friction holds it
-    from tan 17.6° = 0.318."""
+    """The line from a lower sphere's contact with the floor to that with the upper one leans by 17.6°: friction holds
+    it from tan 17.6° = 0.318."""
     world = on_slope(device, 0, iterations=iterations)
     world.add(position=pyramid(), radius=0.1, friction=0.5, restitution=0.0)
     world.step(120)
