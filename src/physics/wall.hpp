@@ -64,6 +64,19 @@ FC_HOST_DEVICE inline Vec3 place_in_box(Vec3 position, float radius, float mass,
   return is_fixed(mass) ? first_image(position, box) : keep_inside(position, radius, box);
 }
 
+// How far a sphere reaches into the nearest wall, negative where it is clear of all; the depths are those of
+// visit_walls.
+FC_HOST_DEVICE inline float deepest_in_walls(Vec3 position, float radius, const Box& box) {
+  float deepest = -3e38f;
+  const auto look_at = [&](float x, float lower, float upper, Boundary boundary) {
+    if (boundary == Boundary::wall) deepest = larger(deepest, larger(lower + radius - x, x - (upper - radius)));
+  };
+  look_at(position.x, box.lower.x, box.upper.x, box.x);
+  look_at(position.y, box.lower.y, box.upper.y, box.y);
+  look_at(position.z, box.lower.z, box.upper.z, box.z);
+  return deepest;
+}
+
 // Of the six in the order of visit_walls.
 inline constexpr int floor_side = 4;
 

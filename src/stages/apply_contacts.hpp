@@ -36,7 +36,12 @@ struct ApplyContacts {
                         side == floor_side ? substep.wall.floor_restitution : self.restitution, position, velocity,
                         spin, is_free);
     };
-    visit_walls(self.position, self.radius, substep.box, visit_wall);
+    // Most spheres are farther from all walls than an impact may have moved them.
+    const Vec3 moved = self.position - position;
+    const float farthest = larger(larger(fabsf(moved.x), fabsf(moved.y)), fabsf(moved.z));
+    if (!(deepest_in_walls(self.position, self.radius, substep.box) <= -farthest)) {
+      visit_walls(self.position, self.radius, substep.box, visit_wall);
+    }
 
     position = position + velocity * law.substep;
     // Velocity already holds this substep's gravity; the parabola of free flight has half of it.

@@ -138,8 +138,10 @@ struct GatherContacts {
 
   FC_HOST_DEVICE void gather_walls(std::int64_t slot, const Sphere& self, float crowding, Vec3 spin, Sum& sum) const {
     const SoftContactLaw& law = substep.law;
+    const float nearest = -law.impact_speed * law.substep;
+    if (deepest_in_walls(self.position, self.radius, substep.box) <= nearest) return;  // most spheres
     auto visit_wall = [&](Vec3 normal, float depth, int side) {
-      if (depth <= -law.impact_speed * law.substep) return;
+      if (depth <= nearest) return;
       const float approach = dot(self.velocity, normal);
       const float approach_before_gravity = approach - dot(substep.gravity, normal) * law.substep;
       if (crowding <= 0.0f && approach_before_gravity < -law.impact_speed) return;  // an impact: see ApplyContacts
