@@ -101,8 +101,9 @@ class FrameRuns {
     if constexpr (B::has_whole_grid) bits = count <= 65536 ? 3 : count <= few ? 2 : 0;
     if (bits == lane_bits_ && rows_ > 0) return;
     lane_bits_ = bits;
+    may_grow_ = true;
     // Few spheres get long lists at once; of many, most lie in open space at the start.
-    rows_ = (count <= few ? 96u : 32u) >> bits;
+    rows_ = needed_rows_ = (count <= few ? 96u : 48u) >> bits;
   }
 
   void resize(FrameWorld& world, bool is_substep) {
@@ -131,13 +132,25 @@ class FrameRuns {
     cell_end_.resize(world.cells + 1);
     control_.resize(1);
     list_counts_.resize(count);
-    list_entries_.resize(list_places(count));
+    resize_lists(count);
     const GridShape& coarse = world.strays.coarse;
     stray_places_ = std::max<std::uint32_t>(stray_places_, static_cast<std::uint32_t>(1024 + count / 8));
     for (int i = 0; i < 2; ++i) {
       stray_heads_[i].resize(std::int64_t(coarse.x.cells) * coarse.y.cells * coarse.z.cells);
       stray_records_[i].resize(stray_places_);
     }
+  }
+  // Longer lists are a wish: where memory has no room for them, they stay as long as they were.
+  void resize_lists(std::int64_t count) {
+    try {
+      list_entries_.resize(list_places(count));
+    } catch (const OutOfMemory&) {
+      if (rows_ <= needed_rows_) throw;
+      rows_ = needed_rows_;
+      may_grow_ = false;
+      list_entries_.resize(list_places(count));
+    }
+    needed_rows_ = rows_;
   }
   std::int64_t list_places(std::int64_t count) const {
     const std::int64_t width = B::list_width;
@@ -150,7 +163,8 @@ class FrameRuns {
     const std::uint32_t needed = (control.longest + (1u << lane_bits_) - 1) >> lane_bits_;
     std::uint32_t rows = std::max(rows_, needed);
     const std::int64_t void_lists = control.void_lists / frames;
-    if (void_lists > count_ / 2048) rows = std::max(rows, rows_ + rows_ / 2 + 1);
+    const bool may_wish = may_grow_ && 4 * list_places(count_) < most_wished_bytes;
+    if (may_wish && void_lists > count_ / 16384) rows = std::max(rows, rows_ + rows_ / 2 + 1);
     stray_places_ = std::max(stray_places_, control.most_stray_records + control.most_stray_records / 2);
     if (rows == rows_) return;
     if (count_ * (std::int64_t(rows) << lane_bits_) > std::max(most_places, most_places_each * count_)) {
@@ -159,6 +173,7 @@ class FrameRuns {
       count_ = 0;
       rows = 0;
     }
+    needed_rows_ = std::max(rows_, needed);
     rows_ = rows;
     list_entries_ = typename B::template Buffer<std::uint32_t>(backend_);  // to be made anew; nothing is kept in it
   }
@@ -205,13 +220,16 @@ class FrameRuns {
   }
 
   // Of all lists together.
-  static constexpr std::int64_t most_places = std::int64_t(1) << 24, most_places_each = 64;
+  static constexpr std::int64_t most_places = std::int64_t(1) << 24, most_places_each = 128,
+                                most_wished_bytes = std::int64_t(1) << 34;
 
   B& backend_;
   FrameRunner<B> runner_;
   std::int64_t count_ = 0;
   std::int64_t crowded_count_ = -1;  // of the spheres that lists could not keep
-  std::uint32_t lane_bits_ = 0, rows_ = 0, stray_places_ = 0;
+  std::uint32_t lane_bits_ = 0, stray_places_ = 0;
+  std::uint32_t rows_ = 0, needed_rows_ = 0;  // of the lists; without which frames cannot be run
+  bool may_grow_ = true;
   typename B::template Buffer<FrameControl> control_{backend_};
   StateBuffers state_{backend_}, other_state_{backend_};
   ConstantBuffers constants_{backend_}, other_constants_{backend_};
