@@ -26,6 +26,7 @@ using fastcollide::python::boundary_of;
 using fastcollide::python::share;
 using fastcollide::python::without_gil;
 using Floats = nb::ndarray<const float, nb::c_contig, nb::device::cpu>;
+using Ids = nb::ndarray<const std::uint32_t, nb::c_contig, nb::device::cpu>;
 using Bytes = nb::ndarray<const std::uint8_t, nb::c_contig, nb::device::cpu>;
 
 // Errors are Python classes, so that they carry attributes and pickle.
@@ -49,14 +50,16 @@ void translate(const std::exception_ptr& error, void*) {
   }
 }
 
-nb::object own(std::vector<float>&& values, std::size_t columns) {
-  auto* held = new std::vector<float>(std::move(values));
-  const nb::capsule owner(held, [](void* p) noexcept { delete static_cast<std::vector<float>*>(p); });
+template <class Number>
+nb::object own(std::vector<Number>&& values, std::size_t columns) {
+  auto* held = new std::vector<Number>(std::move(values));
+  const nb::capsule owner(held, [](void* p) noexcept { delete static_cast<std::vector<Number>*>(p); });
   const std::size_t shape[2] = {held->size() / std::max<std::size_t>(columns, 1), columns};
-  return nb::cast(nb::ndarray<nb::numpy, float>(held->data(), columns == 0 ? 1 : 2, shape, owner));
+  return nb::cast(nb::ndarray<nb::numpy, Number>(held->data(), columns == 0 ? 1 : 2, shape, owner));
 }
 
 std::vector<float> copy_of(const Floats& array) { return {array.data(), array.data() + array.size()}; }
+std::vector<std::uint32_t> copy_of(const Ids& array) { return {array.data(), array.data() + array.size()}; }
 
 // Asks Python for signals a few times a second, so that Ctrl-C ends a run between two frames.
 class SignalCheck {
@@ -144,7 +147,7 @@ void bind_world(nb::module_& m) {
            [](World& world) {
              fastcollide::WorldState state = without_gil([&] { return world.save(); });
              nb::dict saved;
-             const auto put = [&saved](const char* name, std::vector<float>& values, std::size_t columns) {
+             const auto put = [&saved](const char* name, auto& values, std::size_t columns) {
                saved[name] = own(std::move(values), columns);
              };
              put("position", state.spheres.position, 3);
@@ -155,6 +158,12 @@ void bind_world(nb::module_& m) {
              if (!state.spheres.spin.empty()) put("spin", state.spheres.spin, 3);
              if (!state.spheres.friction.empty()) put("friction", state.spheres.friction, 0);
              if (!state.crowding.empty()) put("crowding", state.crowding, 0);
+             if (!state.contacts.owner.empty()) {
+               put("contact_owner", state.contacts.owner, 0);
+               put("contact_partner", state.contacts.partner, 0);
+               put("contact_slide", state.contacts.slide, 3);
+               if (!state.contacts.roll.empty()) put("contact_roll", state.contacts.roll, 3);
+             }
              saved["frame"] = state.frame;
              saved["start_frame"] = state.start_frame;
              saved["start_time"] = state.start_time;
@@ -169,13 +178,19 @@ void bind_world(nb::module_& m) {
           [](World& world, const Floats& position, const Floats& velocity, const Floats& radius, const Floats& mass,
              const Floats& restitution, std::int64_t frame, std::int64_t start_frame, double start_time, double dt,
              std::int64_t fast_spheres, double fastest_flight, double fastest_dt, const std::optional<Floats>& spin,
-             const std::optional<Floats>& friction, const std::optional<Floats>& crowding) {
+             const std::optional<Floats>& friction, const std::optional<Floats>& crowding,
+             const std::optional<Ids>& contact_owner, const std::optional<Ids>& contact_partner,
+             const std::optional<Floats>& contact_slide, const std::optional<Floats>& contact_roll) {
             fastcollide::WorldState state;
             state.spheres = {
                 copy_of(position), copy_of(velocity), copy_of(radius), copy_of(mass), copy_of(restitution), {}, {}};
             if (spin) state.spheres.spin = copy_of(*spin);
             if (friction) state.spheres.friction = copy_of(*friction);
             if (crowding) state.crowding = copy_of(*crowding);
+            if (contact_owner) state.contacts.owner = copy_of(*contact_owner);
+            if (contact_partner) state.contacts.partner = copy_of(*contact_partner);
+            if (contact_slide) state.contacts.slide = copy_of(*contact_slide);
+            if (contact_roll) state.contacts.roll = copy_of(*contact_roll);
             state.frame = frame;
             state.start_frame = start_frame;
             state.start_time = start_time;
@@ -187,7 +202,9 @@ void bind_world(nb::module_& m) {
           },
           nb::kw_only(), "position"_a, "velocity"_a, "radius"_a, "mass"_a, "restitution"_a, "frame"_a, "start_frame"_a,
           "start_time"_a, "dt"_a, "fast_spheres"_a, "fastest_flight"_a, "fastest_dt"_a, "spin"_a.none() = nb::none(),
-          "friction"_a.none() = nb::none(), "crowding"_a.none() = nb::none())
+          "friction"_a.none() = nb::none(), "crowding"_a.none() = nb::none(), "contact_owner"_a.none() = nb::none(),
+          "contact_partner"_a.none() = nb::none(), "contact_slide"_a.none() = nb::none(),
+          "contact_roll"_a.none() = nb::none())
       .def("set_gravity", &World::set_gravity, nb::call_guard<nb::gil_scoped_release>())
       .def("set_drag", &World::set_drag, nb::call_guard<nb::gil_scoped_release>())
       .def("set_floor_restitution", &World::set_floor_restitution, nb::call_guard<nb::gil_scoped_release>())

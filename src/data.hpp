@@ -115,6 +115,11 @@ FC_HOST_DEVICE inline Sphere sphere_in_slot(const GridView& grid, std::int64_t s
   return {{a.x, a.y, a.z}, a.w, {b.x, b.y, b.z}, b.w, grid.masses[slot], grid.ids[slot]};
 }
 
+FC_HOST_DEVICE inline Vec3 velocity_in_slot(const GridView& grid, std::int64_t slot) {
+  const Vec4 velocity = grid.velocity_restitution[slot];
+  return {velocity.x, velocity.y, velocity.z};
+}
+
 // The state as a list form keeps it from pass to pass: in the order of the cells of the last sort. A pass reads one
 // copy and writes the other.
 struct SlotState {
@@ -172,7 +177,13 @@ struct Contacts {
 
 // The first thing that went wrong in a run, as one word that atomic_min can keep: the earliest frame, then the smallest
 // id, whatever thread saw it first.
-enum class FaultKind : std::uint8_t { not_finite = 1, out_of_range = 2, too_many_contacts = 3, out_of_reach = 4 };
+enum class FaultKind : std::uint8_t {
+  not_finite = 1,
+  out_of_range = 2,
+  too_many_contacts = 3,
+  out_of_reach = 4,
+  memory_full = 5
+};
 
 inline constexpr std::uint64_t no_fault = ~std::uint64_t(0);
 
@@ -193,6 +204,8 @@ struct Watch {
 
   std::uint64_t first_fault = no_fault;
   Tally tallies[tally_count];
+  // Places that the memory of rough contacts should have had: see stages/contact_memory.hpp.
+  std::uint64_t memory_wanted = 0;
 };
 
 // A sphere that flies farther than its radius in one step, from one look at its neighbours to the next, may pass

@@ -186,10 +186,12 @@ class EngineOn final : public Engine {
       state.spheres.friction = read(bodies.frictions, 1);
     }
     if (is_crowding_known_) state.crowding = read(std::as_const(scratch_.substep.crowding), 1);
+    memory_.save(state.contacts);
   }
 
   void restore(const WorldState& state) override {
     append(state.spheres);
+    if (!state.contacts.owner.empty()) memory_.restore(state.contacts, count(), words_of_memory());
     if (state.crowding.empty()) return;
     scratch_.substep.crowding.resize(count());
     backend_.copy_to_device(scratch_.substep.crowding.data(), state.crowding.data(), count());
@@ -363,6 +365,8 @@ class EngineOn final : public Engine {
     const StateCheck found = check();
     bring_in(backend_, box(), bodies_);
     largest_radius_ = float_of(static_cast<std::uint32_t>(found.largest_radius));
+    has_friction_ = options_.solver == Solver::substep && bodies_.is_rough &&
+                    (found.largest_friction > 0 || options_.wall_friction > 0.0f || options_.rolling_friction > 0.0f);
     scratch_.grid.period = period_of(box());
     scratch_.grid.shape = choose_grid_shape(box(), largest_radius_, options_.cell_size, count(), opening_margin());
   }
@@ -381,7 +385,17 @@ class EngineOn final : public Engine {
   }
 
   // Runs frames or, when something goes wrong in one of them, none.
-  Watch run_frames(std::int64_t frames, FrameParameters parameters, bool may_have_changed) {
+  Watch run_frames(std::int64_t frames, const FrameParameters& parameters, bool may_have_changed) {
+    if (has_friction_ || memory_.is_kept()) memory_.resize(count(), words_of_memory());
+    Watch watch = try_frames(frames, parameters, may_have_changed);
+    while (!memory_.had_room(watch)) watch = try_frames(frames, parameters, true);
+    if (watch.first_fault == no_fault) memory_.end_run(static_cast<std::uint32_t>(frames * options_.iterations));
+    return watch;
+  }
+
+  std::uint32_t words_of_memory() const { return options_.rolling_friction > 0.0f ? 2 : 1; }
+
+  Watch try_frames(std::int64_t frames, FrameParameters parameters, bool may_have_changed) {
     if (makes_lists_for_each_frame()) {
       const std::optional<Watch> watch =
           frame_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), timer);
@@ -390,15 +404,16 @@ class EngineOn final : public Engine {
     }
     if (options_.method != Method::cells) {
       const std::optional<Watch> watch =
-          listed_.run(parameters, frames, may_have_changed, largest_radius_, body_arrays(), count(), timer);
+          listed_.run(parameters, frames, may_have_changed, largest_radius_, body_arrays(), count(), memory_, timer);
       if (watch) return *watch;
     }
     keep_state();
     Watch watch;
     backend_.copy_to_device(scratch_.watch.data(), &watch, 1);
+    const MemoryCopies memory = memory_.start_run(scratch_.watch.data());
     for (std::int64_t i = 0; i < frames; ++i) {
       parameters.substep.frame = static_cast<std::uint32_t>(i);
-      simulate_frame(backend_, parameters, bodies_, scratch_, timer);
+      simulate_frame(backend_, parameters, bodies_, memory, scratch_, timer);
     }
     backend_.copy_to_host(&watch, static_cast<const Watch*>(scratch_.watch.data()), 1);
     if (watch.first_fault != no_fault) restore_state();
@@ -453,12 +468,14 @@ class EngineOn final : public Engine {
   Scratch<B> scratch_{backend_};
   FrameRuns<B> frame_runs_{backend_};
   ListedFrames<B> listed_{backend_};
+  ContactMemory<B> memory_{backend_};
   // Before unchecked frames:
   typename B::template Buffer<Vec3> kept_positions_{backend_}, kept_velocities_{backend_}, kept_spins_{backend_};
   typename B::template Buffer<float> kept_crowding_{backend_};
   float largest_radius_ = 0;
   std::int64_t frames_at_once_ = B::frames_between_checks;
   bool is_crowding_known_ = false;
+  bool has_friction_ = false;  // of the default solver, where spheres turn: contacts remember
 };
 
 }  // namespace fastcollide

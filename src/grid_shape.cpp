@@ -135,6 +135,7 @@ void refuse_fault(std::uint64_t fault, std::int64_t frame) {
                             "it is more than 131072 radii from 0 along an open axis, where float32 no longer "
                             "resolves its place");
     case FaultKind::too_many_contacts:
+    case FaultKind::memory_full:  // never told: the run is done again
       break;
   }
   throw SimulationError(where + "more than " + std::to_string(max_terms) + " contacts on one sphere");

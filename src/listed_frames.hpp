@@ -5,6 +5,7 @@
 #include <optional>
 #include <utility>
 
+#include "contact_memory.hpp"
 #include "grid_shape.hpp"
 #include "host_run.hpp"
 #include "listed_step.hpp"
@@ -24,7 +25,8 @@ class ListedFrames {
   // where nothing is returned: some sphere has so many near it that lists are no way to keep them.
   // `may_have_changed`: someone else may have written to the bodies since the last call.
   std::optional<Watch> run(const FrameParameters& frame, std::int64_t frames, bool may_have_changed,
-                           float largest_radius, const BodyArrays& bodies, std::int64_t count, StageTimer& timer) {
+                           float largest_radius, const BodyArrays& bodies, std::int64_t count, ContactMemory<B>& memory,
+                           StageTimer& timer) {
     if (count == crowded_count_) return {};
     const bool is_new = count != count_;
     choose_lanes(count);
@@ -44,6 +46,7 @@ class ListedFrames {
     resize(world, bodies.spins != nullptr, frame.solver == Solver::substep);
     control_.watch = {};
     control_.frame = control_.pass = 0;
+    world.memory = memory.start_run(&device_control_.data()->watch);
 
     for (;;) {
       run_once(world, timer);

@@ -35,6 +35,7 @@ struct ListedWorld {
   Vec3* turn;  // or null
   std::uint32_t* pick;
   ListControl* control;
+  MemoryCopies memory;
 
   FC_HOST_DEVICE std::uint32_t contact_passes() const { return static_cast<std::uint32_t>(frame.iterations); }
   FC_HOST_DEVICE GridView grid() const {
@@ -182,6 +183,7 @@ FC_HOST_DEVICE void solve_slots(Run& run, ListedWorld& world, Progress& progress
   const Substep& step = frame.substep;
   const ListedNeighbors neighbors{world.lists, world.skin.reach};
   const ToSlots output = world.output(progress.turn, true);
+  const MemoryPass memory = world.memory.of_pass(progress.frame * world.contact_passes() + progress.pass);
   Watch* watch = &world.control->watch;
   if constexpr (solver == Solver::reference) {
     run.for_each_sphere(Stage::solve_contacts, world.count,
@@ -191,10 +193,10 @@ FC_HOST_DEVICE void solve_slots(Run& run, ListedWorld& world, Progress& progress
     run.for_each_sphere(
         Stage::gather_contacts, world.count,
         GatherContacts<ListedNeighbors, ToSlots>{step, world.grid(), neighbors, output, world.velocity_change,
-                                                 world.turn, world.pick, &watch->first_fault});
-    run.for_each(
-        Stage::apply_contacts, world.count,
-        ApplyContacts<ToSlots>{step, world.grid(), output, world.velocity_change, world.turn, world.pick, watch});
+                                                 world.turn, world.pick, &watch->first_fault, memory});
+    run.for_each(Stage::apply_contacts, world.count,
+                 ApplyContacts<ToSlots>{step, world.grid(), output, world.velocity_change, world.turn, world.pick,
+                                        watch, memory.cleared});
   }
   world.swap_state();
   ++progress.state_swaps;

@@ -40,6 +40,7 @@ struct alignas(16) Vec4 {
 
 FC_HOST_DEVICE inline Vec3 operator+(Vec3 a, Vec3 b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
 FC_HOST_DEVICE inline Vec3 operator-(Vec3 a, Vec3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+FC_HOST_DEVICE inline Vec3 operator-(Vec3 a) { return {-a.x, -a.y, -a.z}; }
 FC_HOST_DEVICE inline Vec3 operator*(Vec3 a, float s) { return {a.x * s, a.y * s, a.z * s}; }
 FC_HOST_DEVICE inline float dot(Vec3 a, Vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 FC_HOST_DEVICE inline Vec3 cross(Vec3 a, Vec3 b) {
@@ -152,16 +153,17 @@ FC_HOST_DEVICE inline Word atomic_add(Word* target, std::type_identity_t<Word> v
 #endif
 }
 
-// Puts value in the place of what is there, and returns that.
-FC_HOST_DEVICE inline std::uint64_t atomic_exchange(std::uint64_t* target, std::uint64_t value) {
+// Puts a value in and returns what was there.
+template <class Word>
+FC_HOST_DEVICE inline Word atomic_exchange(Word* target, std::type_identity_t<Word> value) {
 #if defined(__CUDA_ARCH__)
-  return atomicExch(reinterpret_cast<unsigned long long*>(target), static_cast<unsigned long long>(value));
+  return static_cast<Word>(atomicExch(reinterpret_cast<CudaWord<Word>*>(target), static_cast<CudaWord<Word>>(value)));
 #elif !defined(__CUDACC__)
-  return std::atomic_ref<std::uint64_t>(*target).exchange(value, std::memory_order_relaxed);
+  return std::atomic_ref<Word>(*target).exchange(value, std::memory_order_relaxed);
 #else
-  const std::uint64_t before = *target;  // host pass of nvcc: compiled, never run
-  *target = value;
-  return before;
+  const Word found = *target;
+  *target = value;  // host pass of nvcc: compiled, never run
+  return found;
 #endif
 }
 

@@ -1,6 +1,7 @@
 // The frame of each solver, on one page.
 #pragma once
 
+#include "contact_memory.hpp"
 #include "fastcollide/world.hpp"
 #include "frame_parameters.hpp"
 #include "stage_timer.hpp"
@@ -42,27 +43,31 @@ void simulate_reference_frame(B& backend, const FrameParameters& frame, Bodies<B
 // The default frame: `iterations` substeps, each with a new grid, one pass that gathers all contacts and one that
 // applies them and moves the spheres. The crowding that a substep needs is that of the substep before.
 template <Backend B>
-void simulate_substep_frame(B& backend, const FrameParameters& frame, Bodies<B>& bodies, Scratch<B>& scratch,
-                            StageTimer& timer) {
+void simulate_substep_frame(B& backend, const FrameParameters& frame, Bodies<B>& bodies, const MemoryCopies& memory,
+                            Scratch<B>& scratch, StageTimer& timer) {
   Watch* watch = scratch.watch.data();
   for (int substep = 0; substep < frame.iterations; ++substep) {
+    const auto pass =
+        frame.substep.frame * static_cast<std::uint32_t>(frame.iterations) + static_cast<std::uint32_t>(substep);
+    const MemoryPass remembered = memory.of_pass(pass);
     timer.time(backend, Stage::build_grid,
                [&] { build_grid(backend, bodies, scratch.substep.crowding.data(), scratch.grid); });
     timer.time(backend, Stage::gather_contacts, [&] {
-      gather_contacts(backend, frame.substep, scratch.grid, bodies, scratch.substep, &watch->first_fault);
+      gather_contacts(backend, frame.substep, scratch.grid, bodies, scratch.substep, remembered, &watch->first_fault);
     });
-    timer.time(backend, Stage::apply_contacts,
-               [&] { apply_contacts(backend, frame.substep, scratch.grid, bodies, scratch.substep, watch); });
+    timer.time(backend, Stage::apply_contacts, [&] {
+      apply_contacts(backend, frame.substep, scratch.grid, bodies, scratch.substep, remembered, watch);
+    });
   }
 }
 
 template <Backend B>
-void simulate_frame(B& backend, const FrameParameters& frame, Bodies<B>& bodies, Scratch<B>& scratch,
-                    StageTimer& timer) {
+void simulate_frame(B& backend, const FrameParameters& frame, Bodies<B>& bodies, const MemoryCopies& memory,
+                    Scratch<B>& scratch, StageTimer& timer) {
   if (frame.solver == Solver::reference) {
     simulate_reference_frame(backend, frame, bodies, scratch, timer);
   } else {
-    simulate_substep_frame(backend, frame, bodies, scratch, timer);
+    simulate_substep_frame(backend, frame, bodies, memory, scratch, timer);
   }
 }
 

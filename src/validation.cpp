@@ -135,6 +135,47 @@ void check_friction(float friction, const WorldOptions& options) {
           "0: the reference solver has no friction of spheres");
 }
 
+namespace {
+
+// Sorted, so that no pair comes twice; numbers that can be squared.
+void check_contact_state(const ContactState& contacts, std::int64_t count, bool is_kept, bool has_roll) {
+  const auto known = static_cast<std::int64_t>(contacts.owner.size());
+  const auto has = [known](const auto& values, std::int64_t columns) {
+    return static_cast<std::int64_t>(values.size()) == known * columns;
+  };
+  require(known == 0 || is_kept, "contact_owner", static_cast<double>(known),
+          "none: spheres without friction and spin remember no contacts");
+  require(has(contacts.partner, 1), "contact_partner", static_cast<double>(contacts.partner.size()),
+          "one for each contact_owner");
+  require(has(contacts.slide, 3), "contact_slide", static_cast<double>(contacts.slide.size()),
+          "three numbers for each contact_owner");
+  require(has(contacts.roll, has_roll ? 3 : 0), "contact_roll", static_cast<double>(contacts.roll.size()),
+          "three numbers for each contact_owner, none without rolling friction");
+  std::uint64_t before = 0;
+  for (std::int64_t i = 0; i < known; ++i) {
+    const auto at = static_cast<std::size_t>(i);
+    const std::uint64_t owner = contacts.owner[at], partner = contacts.partner[at], pair = owner << 32 | partner;
+    const bool is_sphere = partner < static_cast<std::uint64_t>(count) && partner != owner;
+    const bool is_wall = partner >= ContactState::first_wall && partner < ContactState::first_wall + 6u;
+    require(owner < static_cast<std::uint64_t>(count), "contact_owner", static_cast<double>(owner), "an id", i);
+    require(is_sphere || is_wall, "contact_partner", static_cast<double>(partner), "the id of another sphere or a wall",
+            i);
+    require(i == 0 || pair > before, "contact_partner", static_cast<double>(partner),
+            "contacts sorted by owner and partner, each once", i);
+    before = pair;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      require(between(contacts.slide[3 * at + axis], -1e15, 1e15), "contact_slide", contacts.slide[3 * at + axis],
+              "-1e15 to 1e15 [m]", i);
+      if (has_roll) {
+        require(between(contacts.roll[3 * at + axis], -1e15, 1e15), "contact_roll", contacts.roll[3 * at + axis],
+                "-1e15 to 1e15 [rad]", i);
+      }
+    }
+  }
+}
+
+}  // namespace
+
 void check_world_state(const WorldState& state, const WorldOptions& options) {
   const auto count = static_cast<std::int64_t>(state.spheres.radius.size());
   check_count(count);
@@ -146,6 +187,8 @@ void check_world_state(const WorldState& state, const WorldOptions& options) {
     const float found = state.crowding[static_cast<std::size_t>(i)];
     require(found >= 0.0f && std::isfinite(found), "crowding", found, "a finite number from 0", i);
   }
+  check_contact_state(state.contacts, count, !state.spheres.spin.empty() && options.solver == Solver::substep,
+                      options.rolling_friction > 0.0f);
   require(state.frame >= 0, "frame", static_cast<double>(state.frame), "0 or more");
   require(state.start_frame >= 0 && state.start_frame <= state.frame, "start_frame",
           static_cast<double>(state.start_frame), "0 to the frame");

@@ -14,7 +14,7 @@ PAGE = ROOT / "docs" / "validation.md"
 PICTURES = ROOT / "docs" / "pictures"
 BEGIN, END = "<!-- figures -->\n", "<!-- end of figures -->\n"
 GASES = ("gas_10", "gas_20", "gas_30", "gas_40")
-CASES = (*GASES, "maxwell", "haff", "close_packing", "loose_packing", "hopper")
+CASES = (*GASES, "maxwell", "haff", "close_packing", "loose_packing", "heap", "hopper")
 
 
 def read_results() -> dict:

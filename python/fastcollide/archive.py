@@ -24,7 +24,9 @@ from fastcollide.errors import CheckpointError
 from fastcollide.files import written_durably
 
 FORMAT = "fastcollide world"
-VERSION = 1
+VERSION = 2  # 2: what rough contacts remember
+READABLE = (1, 2)
+IDS = ("contact_owner", "contact_partner")  # the arrays that hold ids; all others hold float32
 MANIFEST = "manifest.json"
 # What zipfile raises, one way or the other, where an archive is not as it must be.
 _ZIP_ERRORS = (
@@ -45,19 +47,19 @@ class Archive:
 
     path: Path
     contents: dict[str, Any]
-    arrays: dict[str, NDArray[np.float32]]
+    arrays: dict[str, NDArray[np.float32 | np.uint32]]
 
 
 def write_archive(path: str | os.PathLike[str], contents: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
     """Writes a file; under its name it is whole or not there at all, and it is on the disk when this returns.
 
-    contents: values of JSON; arrays: float32. Raises OSError where the file cannot be written.
+    contents: values of JSON; arrays: float32, uint32 for ids. Raises OSError where the file cannot be written.
     """
     blocks: dict[str, dict[str, int]] = {}
     with written_durably(Path(path)) as unfinished, zipfile.ZipFile(unfinished, "w") as archive:
         for name, array in arrays.items():
             block = BytesIO()
-            np.lib.format.write_array(block, np.asarray(array, dtype="<f4", order="C"), allow_pickle=False)
+            np.lib.format.write_array(block, np.asarray(array, dtype=_dtype_of(name), order="C"), allow_pickle=False)
             blocks[f"{name}.npy"] = _measure(block.getbuffer())
             _add_block(archive, f"{name}.npy", block.getbuffer())
         manifest = {"format": FORMAT, "version": VERSION, **contents, "blocks": blocks}
@@ -107,9 +109,10 @@ def _read_manifest(path: Path, archive: zipfile.ZipFile) -> dict[str, Any]:
         raise CheckpointError(path, MANIFEST, f"no JSON ({error})", "a file of World.save") from None
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         raise CheckpointError(path, MANIFEST, "another format", f'"{FORMAT}"')
-    if manifest.get("version") != VERSION:
+    if manifest.get("version") not in READABLE:
         found = f"version {manifest.get('version')!r}"
-        raise CheckpointError(path, MANIFEST, found, f"version {VERSION}, all that this FastCollide can read")
+        allowed = f"version {' or '.join(map(str, READABLE))}, all that this FastCollide can read"
+        raise CheckpointError(path, MANIFEST, found, allowed)
     if not isinstance(manifest.get("blocks"), dict):
         raise CheckpointError(path, MANIFEST, "no list of blocks", "the length and CRC-32 of each")
     return manifest
@@ -136,13 +139,17 @@ def _check_block(path: Path, block: str, content: bytes, about: Any) -> None:
         raise CheckpointError(path, block, words, f"those that the manifest names: {about}")
 
 
-def _array_in(path: Path, block: str, content: bytes) -> NDArray[np.float32]:
+def _dtype_of(name: str) -> str:
+    return "<u4" if name in IDS else "<f4"
+
+
+def _array_in(path: Path, block: str, content: bytes) -> NDArray[np.float32 | np.uint32]:
     """The array in a block, without a copy. Its header is looked at first: numpy would make room for any shape."""
     file = BytesIO(content)
     try:
         np.lib.format.read_magic(file)
         shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(file)
-        if is_fortran or dtype != np.dtype("<f4"):
+        if is_fortran or dtype != np.dtype(_dtype_of(block.removesuffix(".npy"))):
             raise ValueError(f"{dtype}{' in Fortran order' if is_fortran else ''}")
         return np.frombuffer(content, dtype, offset=file.tell()).reshape(shape)
     except ValueError as error:

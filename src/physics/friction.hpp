@@ -41,24 +41,51 @@ struct Rub {
   Vec3 turn;      // change of its spin times its radius [m/s]
 };
 
-// normal_change: of the relative velocity along the normal, by the contact; share: of this sphere in relative changes.
-FC_HOST_DEVICE inline Rub rub_pair(const Sphere& a, const Sphere& b, Vec3 spin_a, Vec3 spin_b, Vec3 relative_velocity,
-                                   const ContactGeometry& contact, float normal_change, float friction, float part) {
-  const float reach = a.radius + b.radius, s = (reach - contact.depth) / reach;
-  const Vec3 turning = (spin_a * a.radius + spin_b * b.radius) * s;
-  const Slip slip = slip_at(relative_velocity, contact.normal, turning, rolling_resistance_to_slip(s));
-  const float share = mass_share(a.mass, b.mass);
-  const Vec3 change = friction_change(slip, normal_change, friction, part) * share;
-  return {change, cross(change, contact.normal) * (2.5f * s)};
-}
+// How the surfaces of a pair slip: seen from a, so that the other way round every bit is the same but for the sign.
+struct PairSlip {
+  float arm;  // in radii
+  Vec3 turning;
+
+  FC_HOST_DEVICE PairSlip(const Sphere& a, const Sphere& b, Vec3 spin_a, Vec3 spin_b, float depth) {
+    const float reach = a.radius + b.radius;
+    arm = (reach - depth) / reach;
+    turning = (spin_a * a.radius + spin_b * b.radius) * arm;
+  }
+  FC_HOST_DEVICE Slip at(Vec3 relative_velocity, Vec3 normal) const {
+    return slip_at(relative_velocity, normal, turning, rolling_resistance_to_slip(arm));
+  }
+  FC_HOST_DEVICE Rub rub(Vec3 own_change, Vec3 normal) const {
+    return {own_change, cross(own_change, normal) * (2.5f * arm)};
+  }
+};
 
 // A wall rubs a sphere that does not turn (in a world without spins) or that does.
+struct WallSlip {
+  bool can_turn;
+  Vec3 turning;
+
+  FC_HOST_DEVICE WallSlip(float radius, Vec3 spin, bool can_turn)
+      : can_turn(can_turn), turning(can_turn ? spin * radius : Vec3{0, 0, 0}) {}
+  FC_HOST_DEVICE Slip at(Vec3 velocity, Vec3 normal) const {
+    return slip_at(velocity, normal, turning, can_turn ? rolling_resistance_to_slip(1.0f) : 1.0f);
+  }
+  FC_HOST_DEVICE Rub rub(Vec3 change, Vec3 normal) const {
+    return {change, cross(change, normal) * (can_turn ? 2.5f : 0.0f)};
+  }
+};
+
+// normal_change: of the relative velocity along the normal, by the contact; the share of this sphere in it is by mass.
+FC_HOST_DEVICE inline Rub rub_pair(const Sphere& a, const Sphere& b, Vec3 spin_a, Vec3 spin_b, Vec3 relative_velocity,
+                                   const ContactGeometry& contact, float normal_change, float friction, float part) {
+  const PairSlip slip(a, b, spin_a, spin_b, contact.depth);
+  const Vec3 change = friction_change(slip.at(relative_velocity, contact.normal), normal_change, friction, part);
+  return slip.rub(change * mass_share(a.mass, b.mass), contact.normal);
+}
+
 FC_HOST_DEVICE inline Rub rub_wall(float radius, Vec3 spin, bool can_turn, Vec3 velocity, Vec3 normal,
                                    float normal_change, float friction, float part) {
-  const Vec3 turning = can_turn ? spin * radius : Vec3{0, 0, 0};
-  const Slip slip = slip_at(velocity, normal, turning, can_turn ? rolling_resistance_to_slip(1.0f) : 1.0f);
-  const Vec3 change = friction_change(slip, normal_change, friction, part);
-  return {change, cross(change, normal) * (can_turn ? 2.5f : 0.0f)};
+  const WallSlip slip(radius, spin, can_turn);
+  return slip.rub(friction_change(slip.at(velocity, normal), normal_change, friction, part), normal);
 }
 
 }  // namespace fastcollide

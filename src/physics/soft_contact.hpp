@@ -64,12 +64,12 @@ FC_HOST_DEVICE inline Vec3 relative_gravity(Vec3 gravity, float other_mass) {
   return is_fixed(other_mass) ? gravity : Vec3{0, 0, 0};
 }
 
-// Speed along the normal that a resting contact asks for, before it is shared and cut by the crowding [m/s].
-FC_HOST_DEVICE inline float resting_speed_change(float depth, float normal_velocity, float smaller_radius,
-                                                 float crowding, const SoftContactLaw& law) {
+// Speed along the normal at which the spring of a resting contact pushes, before it is shared and cut by the crowding
+// [m/s]. The damper takes the normal velocity from it.
+FC_HOST_DEVICE inline float resting_push(float depth, float smaller_radius, float crowding, const SoftContactLaw& law) {
   float push = smaller(smaller(depth, deepest_push_in_radii * smaller_radius) * (spring / law.substep), fastest_push);
   if (crowding <= most_crowding_of_one_contact) push = smaller(push, fastest_lone_push);
-  return push - normal_velocity;
+  return push;
 }
 
 }  // namespace fastcollide

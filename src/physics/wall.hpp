@@ -64,7 +64,23 @@ FC_HOST_DEVICE inline Vec3 place_in_box(Vec3 position, float radius, float mass,
   return is_fixed(mass) ? first_image(position, box) : keep_inside(position, radius, box);
 }
 
-// Calls visit(normal, depth, is_floor) for each wall; the normal points inwards, depth is how far the sphere reaches
+// How far a sphere reaches into the nearest wall, negative where it is clear of all; the depths are those of
+// visit_walls.
+FC_HOST_DEVICE inline float deepest_in_walls(Vec3 position, float radius, const Box& box) {
+  float deepest = -3e38f;
+  const auto look_at = [&](float x, float lower, float upper, Boundary boundary) {
+    if (boundary == Boundary::wall) deepest = larger(deepest, larger(lower + radius - x, x - (upper - radius)));
+  };
+  look_at(position.x, box.lower.x, box.upper.x, box.x);
+  look_at(position.y, box.lower.y, box.upper.y, box.y);
+  look_at(position.z, box.lower.z, box.upper.z, box.z);
+  return deepest;
+}
+
+// Of the six in the order of visit_walls.
+inline constexpr int floor_side = 4;
+
+// Calls visit(normal, depth, side) for each wall; the normal points inwards, depth is how far the sphere reaches
 // in. One loop and not six copies of what is visited: a GPU waits for code that it has not at hand.
 template <class Visit>
 FC_HOST_DEVICE inline void visit_walls(Vec3 position, float radius, const Box& box, Visit& visit) {
@@ -79,7 +95,7 @@ FC_HOST_DEVICE inline void visit_walls(Vec3 position, float radius, const Box& b
                                  : along(box.lower.x, box.lower.y, box.lower.z) + radius - x;
     const float sign = is_upper ? -1.0f : 1.0f;
     const Vec3 normal{axis == 0 ? sign : 0.0f, axis == 1 ? sign : 0.0f, axis == 2 ? sign : 0.0f};
-    visit(normal, depth, side == 4);
+    visit(normal, depth, side);
   }
 }
 

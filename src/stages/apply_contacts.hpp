@@ -1,6 +1,7 @@
 // Applies what was gathered: resting contacts, the impact of two spheres that picked each other, walls, flight.
 #pragma once
 
+#include "contact_memory.hpp"
 #include "substep_scratch.hpp"
 
 namespace fastcollide {
@@ -14,12 +15,14 @@ struct ApplyContacts {
   const Vec3* turn;  // or null
   const std::uint32_t* pick;
   Watch* watch;
+  MemoryRows cleared = {};  // of a rough world: those that the next pass writes
 
   FC_HOST_DEVICE static bool is_zero(Vec3 a) { return a.x == 0.0f && a.y == 0.0f && a.z == 0.0f; }
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
     const SoftContactLaw& law = substep.law;
     const Sphere self = falling_sphere_in_slot(grid, slot, substep.flight);
+    if (cleared.rows != nullptr) cleared.clear(self.id);
     Vec3 position = self.position, velocity = self.velocity + velocity_change[slot];
     Vec3 spin = spin_after_resting(slot, self.radius);
     if (is_fixed(self.mass)) return end_flight(slot, self, position + velocity * law.substep, velocity, spin);
@@ -28,12 +31,17 @@ struct ApplyContacts {
     if (partner != no_pick && (pick[partner] == static_cast<std::uint32_t>(slot) || pick[partner] == pick_of_fixed)) {
       collide(slot, partner, position, velocity, spin, is_free);
     }
-    auto visit_wall = [&](Vec3 normal, float depth, bool is_floor) {
+    auto visit_wall = [&](Vec3 normal, float depth, int side) {
       collide_with_wall(self, slot, normal, depth + dot(self.position - position, normal),
-                        is_floor ? substep.wall.floor_restitution : self.restitution, position, velocity, spin,
-                        is_free);
+                        side == floor_side ? substep.wall.floor_restitution : self.restitution, position, velocity,
+                        spin, is_free);
     };
-    visit_walls(self.position, self.radius, substep.box, visit_wall);
+    // Most spheres are farther from all walls than an impact may have moved them.
+    const Vec3 moved = self.position - position;
+    const float farthest = larger(larger(fabsf(moved.x), fabsf(moved.y)), fabsf(moved.z));
+    if (!(deepest_in_walls(self.position, self.radius, substep.box) <= -farthest)) {
+      visit_walls(self.position, self.radius, substep.box, visit_wall);
+    }
 
     position = position + velocity * law.substep;
     // Velocity already holds this substep's gravity; the parabola of free flight has half of it.
@@ -139,10 +147,10 @@ struct ApplyContacts {
 
 template <Backend B>
 void apply_contacts(B& backend, const Substep& substep, const Grid<B>& grid, Bodies<B>& bodies,
-                    SubstepScratch<B>& scratch, Watch* watch) {
+                    SubstepScratch<B>& scratch, const MemoryPass& memory, Watch* watch) {
   backend.for_each(bodies.count(), ApplyContacts<ToBodies>{substep, view_of(grid), to_bodies(bodies, scratch),
                                                            scratch.velocity_change.data(), scratch.turn.data(),
-                                                           scratch.pick.data(), watch});
+                                                           scratch.pick.data(), watch, memory.cleared});
 }
 
 }  // namespace fastcollide

@@ -1,6 +1,7 @@
 // What all contacts of a substep do to each sphere, and whom it hits.
 #pragma once
 
+#include "contact_memory.hpp"
 #include "substep_scratch.hpp"
 
 namespace fastcollide {
@@ -15,6 +16,7 @@ struct GatherContacts {
   Vec3* turn;  // or null
   std::uint32_t* pick;
   std::uint64_t* first_fault;
+  MemoryPass memory = {};  // of a rough world
 
   // The fastest approach wins, then the smaller id: an order that is the same for both spheres of a pair.
   struct Approach {
@@ -75,53 +77,117 @@ struct GatherContacts {
       if (law.gravity == 0.0f || (is_fast && crowding_here == 0.0f)) return;
       const float pushed_depth = larger(depth - slop, 0.0f);
       const float share = mass_share(self.mass, neighbor.mass);
-      const float speed = resting_speed_change(pushed_depth, approach, smaller_radius, crowding_here, law);
+      const float push = resting_push(pushed_depth, smaller_radius, crowding_here, law), speed = push - approach;
       const float part = 1.0f / larger(1.0f, crowding_here);
       add_change(sum, pair.contact.normal * (speed * part * share));
-      if (const float friction = friction_between(grid, slot, other); friction > 0.0f && speed > 0.0f) {
-        const Rub rub = rub_pair(self, neighbor, spin, grid.spins[other], self.velocity - neighbor.velocity,
-                                 pair.contact, speed * part, friction, part);
-        add_change(sum, rub.velocity);
-        add_turn(sum, rub.turn);
+      if (grid.spins != nullptr) {
+        rub({slot, other, self, neighbor, spin, pair.contact, larger(push, speed) * part, larger(speed, 0.0f) * part,
+             tangential_part(crowding_here)},
+            sum);
       }
-      if (resists_rolling(substep, grid) && speed > 0.0f) {
-        add_turn(sum, resist_rolling_of_pair(self, neighbor, spin, grid.spins[other], speed * part,
-                                             law.rolling_friction, part));
-      }
-      const float weight = mass_weight(self.mass, neighbor.mass) * load_weight(pushed_depth, law);
+      const float weight = mass_weight(self.mass, neighbor.mass) * load_weight_in(grid, pushed_depth, law);
       add_contact(sum.crowd, pair.contact.normal, weight);
     };
     neighbors.visit(grid, slot, self.position, lane, visit);
-    if (lane.index == 0 && law.gravity > 0.0f) gather_walls(self, own_crowding, spin, sum);
+    if (lane.index == 0 && law.gravity > 0.0f) gather_walls(slot, self, own_crowding, spin, sum);
     return sum;
   }
 
-  FC_HOST_DEVICE void gather_walls(const Sphere& self, float crowding, Vec3 spin, Sum& sum) const {
+  struct RoughPair {
+    std::int64_t slot, other;
+    const Sphere &self, &neighbor;
+    Vec3 spin;
+    const ContactGeometry& contact;
+    float push, normal_change, part;
+  };
+
+  FC_HOST_DEVICE void rub(const RoughPair& pair, Sum& sum) const {
+    const Sphere &self = pair.self, &neighbor = pair.neighbor;
+    const Vec3 normal = pair.contact.normal, other_spin = grid.spins[pair.other];
+    const float friction = friction_between(grid, pair.slot, pair.other), h = substep.law.substep;
+    const bool rolls = resists_rolling(substep, grid);
+    if (!(pair.push > 0.0f && (friction > 0.0f || rolls))) return;
+    ContactStretch stretch = memory.of_pair(self, neighbor);
+    if (friction > 0.0f) {
+      const PairSlip slip(self, neighbor, pair.spin, other_spin, pair.contact.depth);
+      const Vec3 before = velocity_in_slot(grid, pair.slot) - velocity_in_slot(grid, pair.other);
+      const Hold held = hold(slip.at(self.velocity - neighbor.velocity, normal), slip.at(before, normal), stretch.slide,
+                             normal, pair.push, pair.normal_change, friction, pair.part, h);
+      stretch.slide = held.stretch;
+      const Rub rub = slip.rub(held.change * mass_share(self.mass, neighbor.mass), normal);
+      add_change(sum, rub.velocity);
+      add_turn(sum, rub.turn);
+    }
+    if (rolls) {
+      const RollingPair rolling(self, neighbor);
+      const Hold held = hold_roll(pair.spin - other_spin, stretch.roll, pair.push, pair.normal_change,
+                                  substep.law.rolling_friction * rolling.lever, pair.part, h);
+      stretch.roll = held.stretch;
+      add_turn(sum, rolling.turn(held.change));
+    }
+    if (MemoryPass::is_owner(self, neighbor)) remember(self.id, neighbor.id, stretch);
+  }
+
+  FC_HOST_DEVICE void remember(std::uint32_t owner, std::uint32_t partner, const ContactStretch& stretch) const {
+    if (stretch.is_none() || !memory.is_kept()) return;
+    const std::uint32_t wanted = memory.to.add(owner, partner, stretch);
+    if (wanted == 0) return;
+    atomic_max(memory.wanted, wanted);
+    atomic_min(first_fault, fault_word(substep.frame, owner, FaultKind::memory_full));
+  }
+
+  FC_HOST_DEVICE void gather_walls(std::int64_t slot, const Sphere& self, float crowding, Vec3 spin, Sum& sum) const {
     const SoftContactLaw& law = substep.law;
-    auto visit_wall = [&](Vec3 normal, float depth, bool) {
-      if (depth <= -law.impact_speed * law.substep) return;
+    const float nearest = -law.impact_speed * law.substep;
+    if (deepest_in_walls(self.position, self.radius, substep.box) <= nearest) return;  // most spheres
+    auto visit_wall = [&](Vec3 normal, float depth, int side) {
+      if (depth <= nearest) return;
       const float approach = dot(self.velocity, normal);
       const float approach_before_gravity = approach - dot(substep.gravity, normal) * law.substep;
       if (crowding <= 0.0f && approach_before_gravity < -law.impact_speed) return;  // an impact: see ApplyContacts
       const float closing = depth / law.substep - approach;  // > 0: in touch at the end of the substep
       if (depth <= 0.0f && closing <= 0.0f) return;
       ++sum.contacts;
-      add_contact(sum.crowd, normal, load_weight(larger(depth, 0.0f), law));
+      add_contact(sum.crowd, normal, load_weight_in(grid, larger(depth, 0.0f), law));
       const float part = 1.0f / larger(1.0f, crowding);
-      const float speed =
-          (depth > 0.0f ? resting_speed_change(depth, approach, self.radius, crowding, law) : closing) * part;
+      const float push = depth > 0.0f ? resting_push(depth, self.radius, crowding, law) : 0.0f;
+      const float asked = depth > 0.0f ? push - approach : closing, speed = asked * part;
       add_change(sum, normal * speed);
-      if (substep.wall.friction > 0.0f && speed > 0.0f) {
-        const Rub rub = rub_wall(self.radius, spin, grid.spins != nullptr, self.velocity, normal, speed,
-                                 substep.wall.friction, part);
+      if (grid.spins != nullptr) {
+        // A sphere at rest may touch a wall without reaching into it, so that no spring pushes it.
+        rub_at_wall(slot, self, spin, normal, side, larger(push, asked) * part, larger(speed, 0.0f),
+                    tangential_part(crowding), sum);
+      } else if (substep.wall.friction > 0.0f && speed > 0.0f) {
+        const Rub rub = rub_wall(self.radius, spin, false, self.velocity, normal, speed, substep.wall.friction, part);
         add_change(sum, rub.velocity);
-        add_turn(sum, rub.turn);
-      }
-      if (resists_rolling(substep, grid) && speed > 0.0f) {
-        add_turn(sum, resist_rolling_at_wall(self.radius, spin, speed, law.rolling_friction, part));
       }
     };
     visit_walls(self.position, self.radius, substep.box, visit_wall);
+  }
+
+  FC_HOST_DEVICE void rub_at_wall(std::int64_t slot, const Sphere& self, Vec3 spin, Vec3 normal, int side, float push,
+                                  float normal_change, float part, Sum& sum) const {
+    const float friction = substep.wall.friction, h = substep.law.substep;
+    const bool rolls = resists_rolling(substep, grid);
+    if (!(friction > 0.0f || rolls)) return;
+    const std::uint32_t wall = ContactState::first_wall + static_cast<std::uint32_t>(side);
+    ContactStretch stretch = memory.of_wall(self, wall);
+    if (friction > 0.0f) {
+      const WallSlip slip(self.radius, spin, true);
+      const Hold held = hold(slip.at(self.velocity, normal), slip.at(velocity_in_slot(grid, slot), normal),
+                             stretch.slide, normal, push, normal_change, friction, part, h);
+      stretch.slide = held.stretch;
+      const Rub rub = slip.rub(held.change, normal);
+      add_change(sum, rub.velocity);
+      add_turn(sum, rub.turn);
+    }
+    if (rolls) {
+      const float lever = substep.law.rolling_friction * 2.5f / self.radius;
+      const Hold held = hold_roll(spin, stretch.roll, push, normal_change, lever, part, h);
+      stretch.roll = held.stretch;
+      add_turn(sum, held.change * self.radius);
+    }
+    remember(self.id, wall, stretch);
   }
 
   FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const {
@@ -153,7 +219,7 @@ ToBodies to_bodies(Bodies<B>& bodies, SubstepScratch<B>& scratch) {
 
 template <Backend B>
 void gather_contacts(B& backend, const Substep& substep, const Grid<B>& grid, Bodies<B>& bodies,
-                     SubstepScratch<B>& scratch, std::uint64_t* first_fault) {
+                     SubstepScratch<B>& scratch, const MemoryPass& memory, std::uint64_t* first_fault) {
   scratch.velocity_change.resize(bodies.count());
   scratch.pick.resize(bodies.count());
   scratch.turn.resize(bodies.is_rough ? bodies.count() : 0);
@@ -164,7 +230,8 @@ void gather_contacts(B& backend, const Substep& substep, const Grid<B>& grid, Bo
                                                                            scratch.velocity_change.data(),
                                                                            scratch.turn.data(),
                                                                            scratch.pick.data(),
-                                                                           first_fault});
+                                                                           first_fault,
+                                                                           memory});
 }
 
 }  // namespace fastcollide

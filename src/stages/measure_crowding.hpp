@@ -23,13 +23,13 @@ struct MeasureCrowding {
       const Sphere neighbor = sphere_in_slot(grid, other);
       const PairGeometry pair = pair_geometry(self, neighbor, grid.period);
       if (pair.contact.depth <= 0.0f || pair.normal_velocity < -law.impact_speed) return;
-      const float weight = mass_weight(self.mass, neighbor.mass) * load_weight(pair.contact.depth, law);
+      const float weight = mass_weight(self.mass, neighbor.mass) * load_weight_in(grid, pair.contact.depth, law);
       add_contact(sum, pair.contact.normal, weight);
     };
     visit_neighbor_cells(grid, slot, self.position, visit);
-    auto visit_wall = [&](Vec3 normal, float depth, bool) {
+    auto visit_wall = [&](Vec3 normal, float depth, int) {
       if (depth <= 0.0f || dot(self.velocity, normal) < -law.impact_speed) return;
-      add_contact(sum, normal, load_weight(depth, law));
+      add_contact(sum, normal, load_weight_in(grid, depth, law));
     };
     visit_walls(self.position, self.radius, box, visit_wall);
     crowding[self.id] = crowding_of(sum);

@@ -1,5 +1,7 @@
 """Lists of neighbours give what a new grid for every pass gives, to the last bit."""
 
+from dataclasses import replace
+
 import fastcollide as fc
 import numpy as np
 import pytest
@@ -40,16 +42,68 @@ def test_a_pile_that_comes_to_rest(device, solver):
     assert_equal_steps(worlds, (100, 100, 200))
 
 
+def rough(spheres, friction=0.5):
+    return replace(spheres, friction=np.full(len(spheres), friction, np.float32))
+
+
+@pytest.mark.parametrize("rolling_friction", [0.0, 0.05])
+def test_a_rough_pile_that_comes_to_rest(device, rolling_friction):
+    """What contacts remember is found again whatever the order of the spheres, in lists and in cells."""
+    bounds = ((0, 0, 0), (2, 2, 6))
+    spheres = rough(fc.random_spheres(400, bounds, seed=3, radius=(0.04, 0.16)))
+    options = {"bounds": bounds, "boundary": ("periodic", "wall", "wall"), "wall_friction": 0.4}
+    worlds = all_methods(device, "substep", spheres, rolling_friction=rolling_friction, **options)
+    assert_equal_steps(worlds, (100, 1, 1, 100, 200))
+    saved = [world._world.save() for world in worlds]
+    assert len(saved[0]["contact_owner"]) > 400
+    for name in ("contact_owner", "contact_partner", "contact_slide"):
+        np.testing.assert_array_equal(saved[0][name], saved[1][name])
+
+
+def test_friction_that_comes_and_goes(device, write):
+    """Between two steps: what is remembered grows with the world and is forgotten without friction."""
+    bounds = ((0, 0, 0), (2, 2, 3))
+    worlds = all_methods(device, "substep", rough(fc.random_spheres(300, bounds, radius=(0.05, 0.12))), bounds=bounds)
+    assert_equal_steps(worlds, (60,))
+    for friction in (0.0, 0.4):
+        for world in worlds:
+            write(world.frictions, np.full(len(world), friction, np.float32))
+            world.add(fc.random_spheres(20, bounds, seed=len(world), radius=(0.05, 0.12)))
+        assert_equal_steps(worlds, (1, 20))
+        assert ("contact_owner" in worlds[0]._world.save()) == (friction > 0)
+
+
+def test_more_rough_contacts_than_a_row_holds(device):
+    """Spheres in cups of twelve fixed ones, which the free one remembers all; the memory grows on the way."""
+    angle = np.arange(12) * np.pi / 6
+    ring = np.stack([0.2 * np.cos(angle), 0.2 * np.sin(angle), np.full(12, -0.15)], axis=-1)
+    cups = np.stack(np.meshgrid(range(8), range(8), [0.5]), axis=-1).reshape(-1, 3)
+    worlds = [fc.World(((-1, -1, 0), (8, 8, 2)), device=device, method=method) for method in ("cells", "list")]
+    for world in worlds:
+        world.add(position=(cups[:, None] + ring).reshape(-1, 3), radius=0.05, mass=np.inf, friction=0.5)
+        world.add(position=cups, radius=0.205, spin=(0.1, 0.2, 0), friction=0.5)
+    assert_equal_steps(worlds, (1, 2), 1e-4)
+    saved = [world._world.save() for world in worlds]
+    assert len(saved[0]["contact_owner"]) == 12 * 64
+    for name in ("contact_owner", "contact_partner", "contact_slide"):
+        np.testing.assert_array_equal(saved[0][name], saved[1][name])
+    assert_equal_steps(worlds, (40,), 1e-4)
+
+
 def test_open_space_far_from_the_origin(device, solver):
     bounds = ((5000, -7000, 900), (5004, -6996, 904))
     spheres = fc.random_spheres(800, bounds, seed=4, radius=(0.1, 0.3), speed=(20, 20, 20))
     assert_equal_steps(all_methods(device, solver, spheres, boundary="open"), (5, 20, 40))
 
 
-def test_arrays_that_the_user_writes(device, solver, write):
+@pytest.mark.parametrize("is_rough", [False, True])
+def test_arrays_that_the_user_writes(device, solver, is_rough, write):
     """Spheres that are moved, blown up, fixed and let loose, sped up and added between two steps."""
+    if is_rough and solver == "reference":
+        pytest.skip("the reference solver has no friction of spheres")
     bounds = ((0, 0, 0), (4, 4, 4))
-    worlds = all_methods(device, solver, fc.random_spheres(900, bounds, seed=5, radius=(0.05, 0.12)), bounds=bounds)
+    spheres = fc.random_spheres(900, bounds, seed=5, radius=(0.05, 0.12))
+    worlds = all_methods(device, solver, rough(spheres) if is_rough else spheres, bounds=bounds)
     random = np.random.default_rng(6)
     assert_equal_steps(worlds, (20,))
 

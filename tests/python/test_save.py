@@ -111,6 +111,23 @@ def test_what_the_solver_remembers_decides_what_follows():
     assert forgetful.state_hash() != world.state_hash()
 
 
+def test_what_rough_contacts_remember_decides_what_follows(tmp_path, device):
+    world = make_world(device, is_rough=True, rolling_friction=0.1)
+    world.step(120)
+    state = world._world.save()
+    known = len(state["contact_owner"])
+    assert known > len(world) / 2
+    assert state["contact_slide"].shape == state["contact_roll"].shape == (known, 3)
+    assert (np.abs(state["contact_slide"]) > 0).any()
+    loaded = reload(world, tmp_path / "world.fcw", device=device)
+    state["contact_slide"][:] = 0
+    forgetful = fc.World(bounds=SMALL_BOX, rolling_friction=0.1, device=device)
+    forgetful._world.restore(**state)
+    for one in (world, loaded, forgetful):
+        one.step(5)
+    assert loaded.state_hash() == world.state_hash() != forgetful.state_hash()
+
+
 def test_the_clock_goes_on(tmp_path, device):
     world = make_world(device)
     world.step(7, dt=1 / 60)
@@ -257,9 +274,10 @@ def test_bytes_are_on_the_disk_before_the_name_and_the_name_before_the_end(tmp_p
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
     """A file of a world of three spheres: its bytes, and the hash of its world."""
-    world = fc.World(bounds=SMALL_BOX, device="cpu")
+    world = fc.World(bounds=SMALL_BOX, wall_friction=0.4, device="cpu")
     world.add(position=[(0, 0, 0.2), (0.3, 0, 0.2), (0, 0, 0.5)], radius=0.2, friction=0.3)
     world.step(5)
+    assert len(world._world.save()["contact_owner"]) > 0
     path = tmp_path_factory.mktemp("tiny") / "world.fcw"
     world.save(path)
     return path.read_bytes(), world.state_hash()
@@ -341,12 +359,13 @@ def huge_shape(manifest, arrays):
 
 
 three = np.ones(3, "<f4")
+three_contacts = {"contact_partner": np.array((1, 2, 1), "<u4"), "contact_slide": np.ones((3, 3), "<f4")}
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda m, a: m.update(version=2), r"manifest.json: found version 2; allowed: version 1"),
+        (lambda m, a: m.update(version=3), r"manifest.json: found version 3; allowed: version 1 or 2"),
         (lambda m, a: m.update(format="other"), "another format"),
         (lambda m, a: m.pop("blocks"), "list of blocks"),
         (lambda m, a: m.pop("options"), "no world"),
@@ -362,6 +381,15 @@ three = np.ones(3, "<f4")
         (put_array(crowding=three[:2]), "crowding: found 2"),
         (put_array(crowding=three * np.nan), r"crowding\[0\]"),
         (put_array(crowding=-three), r"crowding\[0\]"),
+        (put_array(contact_owner=np.arange(2, dtype="<u4")), "contact_partner: found"),
+        (put_array(contact_owner=np.array((0, 0, 3), "<u4"), **three_contacts), r"contact_owner\[2\]: found 3"),
+        (put_array(contact_owner=np.array((0, 0, 1), "<u4"), **three_contacts), r"contact_partner\[2\]: found 1"),
+        (put_array(contact_owner=np.array((0, 0, 0), "<u4"), **three_contacts), r"contact_partner\[2\]: found 1"),
+        (put_array(contact_owner=np.array((0, 0, 2), "<f4"), **three_contacts), "contact_owner.npy: found no such"),
+        (put_array(mass=np.ones(3, "<u4")), r"mass.npy: found no such array \(uint32"),
+        (lambda m, a: a["contact_slide"].fill(np.nan), r"contact_slide\[0\]"),
+        (lambda m, a: a.update(contact_roll=a["contact_slide"]), "contact_roll: found"),
+        (lambda m, a: (a.pop("spin"), a.pop("friction")), "contact_owner: found"),
         (put("options", solver="magic"), 'solver: found "magic"'),
         (put("options", solver="reference"), "crowding"),
         (put("options", gravity=[0, 0]), "gravity"),

@@ -66,7 +66,7 @@ class Bulk:
 class BulkContacts:
     """Contacts there that carry load.
 
-    coordination: of a sphere that has four or more; rattlers: part of the spheres that has fewer; overlap: mean.
+    coordination: of a sphere that is held; rattlers: part of the spheres that is not; overlap: mean.
     """
 
     coordination: float
@@ -87,7 +87,8 @@ def measure(world: fc.World) -> Bulk:
     )
 
 
-def measure_contacts(world: fc.World) -> BulkContacts:
+def measure_contacts(world: fc.World, fewest: int = 4) -> BulkContacts:
+    """fewest: contacts that hold a sphere; two may where there is friction."""
     lowest, highest = _limits(world)
     height = _heights(world)
     inside = (height > lowest) & (height < highest)
@@ -100,7 +101,7 @@ def measure_contacts(world: fc.World) -> BulkContacts:
         count = is_held.sum()
         both = is_held[first] & is_held[second]
         degree = np.bincount(first[both], minlength=len(height)) + np.bincount(second[both], minlength=len(height))
-        is_held &= (degree >= 4) | (height < 1)  # the floor holds too
+        is_held &= (degree >= fewest) | (height < 1)  # the floor holds too
     return BulkContacts(
         coordination=float(degree[inside & is_held].mean()),
         rattlers=float(1 - is_held[inside].mean()),

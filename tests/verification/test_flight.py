@@ -18,6 +18,14 @@ def flown(device, solver, dt, duration=2.0, velocity=(0, 0, 0), **options):
     return fc.to_numpy(world.positions)[0].astype(float), fc.to_numpy(world.velocities)[0].astype(float)
 
 
+@pytest.mark.parametrize("dt", [1 / 30, 1 / 50, 1 / 60, 1 / 64])
+def test_free_fall_in_one_substep_a_frame(device, dt):
+    position, velocity = flown(device, "substep", dt, drag=0.0, iterations=1)
+
+    assert velocity[2] == pytest.approx(-19.62, rel=1e-6)
+    assert position[2] == pytest.approx(-19.62, rel=1e-6)
+
+
 @pytest.mark.parametrize("dt", [1 / 30, 1 / 60, 1 / 64])
 def test_free_fall(device, solver, dt):
     """The parabola is exact under constant gravity, whatever dt: v = g t, Δz = g t² / 2."""

@@ -1,0 +1,116 @@
+// What rough contacts remember from substep to substep: see physics/tangential_spring.hpp.
+//
+// Each sphere has a row of entries, found by its id, so that no sort and no list moves them. A pair has one entry, in
+// the row of the smaller of the two, which few larger ones can touch; both sides read it, and one writes it. A pass
+// reads the rows that the pass before it has written. Entries of a row may come in any order, and those for which it
+// has no place are chained.
+#pragma once
+
+#include "../data.hpp"
+#include "../physics/tangential_spring.hpp"
+#include "fastcollide/world_state.hpp"
+
+namespace fastcollide {
+
+inline constexpr std::uint32_t places_in_row = 6;
+
+struct alignas(8) MemoryRow {
+  std::uint32_t count;
+  std::uint32_t last_chained;  // 1 + its place; 0: none
+};
+
+// An entry is one of these: slide and the partner's id; where spheres resist rolling a second one follows: roll.
+struct alignas(16) MemoryWord {
+  Vec3 vector;
+  std::uint32_t partner;
+};
+
+// One copy of all rows.
+struct MemoryRows {
+  MemoryRow* rows;
+  MemoryWord* entries;
+  MemoryWord* chained;
+  std::uint32_t* chained_before;  // of each chained entry: as last_chained
+  std::uint32_t* chained_count;
+  std::uint32_t chained_places;
+  std::uint32_t width;  // words in an entry
+
+  FC_HOST_DEVICE bool read(const MemoryWord* entry, std::uint32_t partner, ContactStretch& found) const {
+    if (entry->partner != partner) return false;
+    found.slide = entry->vector;
+    if (width > 1) found.roll = entry[1].vector;
+    return true;
+  }
+  // None where there is no entry.
+  FC_HOST_DEVICE ContactStretch find(std::uint32_t owner, std::uint32_t partner) const {
+    ContactStretch found{{0, 0, 0}, {0, 0, 0}};
+    const MemoryRow row = rows[owner];
+    const std::uint32_t here = row.count < places_in_row ? row.count : places_in_row;
+    const MemoryWord* entry = entries + std::int64_t(owner) * places_in_row * width;
+    for (std::uint32_t i = 0; i < here; ++i, entry += width) {
+      if (read(entry, partner, found)) return found;
+    }
+    for (std::uint32_t next = row.last_chained; next != 0; next = chained_before[next - 1]) {
+      if (read(chained + std::int64_t(next - 1) * width, partner, found)) return found;
+    }
+    return found;
+  }
+  // Several lanes may add to a row at the same time. Returns how many chained places there should be, 0 where there is
+  // one.
+  FC_HOST_DEVICE std::uint32_t add(std::uint32_t owner, std::uint32_t partner, const ContactStretch& stretch) const {
+    const std::uint32_t place = atomic_add(&rows[owner].count, 1);
+    MemoryWord* entry = entries + (std::int64_t(owner) * places_in_row + place) * width;
+    if (place >= places_in_row) {
+      const std::uint32_t more = atomic_add(chained_count, 1);
+      if (more >= chained_places) return more + 1;
+      entry = chained + std::int64_t(more) * width;
+      chained_before[more] = atomic_exchange(&rows[owner].last_chained, more + 1);
+    }
+    entry[0] = {stretch.slide, partner};
+    if (width > 1) entry[1] = {stretch.roll, partner};
+    return 0;
+  }
+  FC_HOST_DEVICE void clear(std::uint32_t owner) const {
+    rows[owner] = {0, 0};
+    if (owner == 0) *chained_count = 0;
+  }
+};
+
+// The rows in one pass. Null pointers: nothing is remembered.
+struct MemoryPass {
+  MemoryRows from, to;
+  MemoryRows cleared;     // those that the next pass will write
+  std::uint64_t* wanted;  // most chained entries that a pass had
+
+  FC_HOST_DEVICE bool is_kept() const { return from.rows != nullptr; }
+  FC_HOST_DEVICE static bool is_owner(const Sphere& self, const Sphere& other) {
+    return is_fixed(other.mass) || self.radius < other.radius || (self.radius == other.radius && self.id < other.id);
+  }
+  FC_HOST_DEVICE ContactStretch of_pair(const Sphere& self, const Sphere& other) const {
+    if (!is_kept()) return {};
+    return is_owner(self, other) ? from.find(self.id, other.id) : -from.find(other.id, self.id);
+  }
+  FC_HOST_DEVICE ContactStretch of_wall(const Sphere& self, std::uint32_t wall) const {
+    if (!is_kept()) return {};
+    return from.find(self.id, wall);
+  }
+};
+
+// Three copies: what was known before a run, which stays until the run has ended well, and two that its passes read and
+// write in turn.
+struct MemoryCopies {
+  MemoryRows rows[3];
+  std::uint64_t* wanted;
+
+  // The copy that a pass writes; passes of a run are counted from 0.
+  FC_HOST_DEVICE static int written_by(std::uint32_t pass) { return 1 + static_cast<int>(pass % 2); }
+  FC_HOST_DEVICE MemoryPass of_pass(std::uint32_t pass) const {
+    const int to = written_by(pass);
+    // Written out, as an index that is not known when this is compiled would move all of it out of the registers.
+    const MemoryRows& written = to == 1 ? rows[1] : rows[2];
+    const MemoryRows& other = to == 1 ? rows[2] : rows[1];
+    return {pass == 0 ? rows[0] : other, written, other, wanted};
+  }
+};
+
+}  // namespace fastcollide
