@@ -18,18 +18,21 @@ nitpicky = True
 # Types of other libraries; their documentation is not asked, so that the build needs no network.
 nitpick_ignore_regex = [
     (r"py:.*", r"(numpy|np|collections|pathlib|os|typing|PIL)\..*"),
-    (r"py:class", r"NDArray.*|ArrayLike|optional"),
+    (r"py:class", r"NDArray.*|ArrayLike"),
+    (r"py:exc", r"OSError"),
 ]
 
 myst_enable_extensions = ["html_image"]
 myst_heading_anchors = 3
 myst_links_external_new_tab = False
 
+smartquotes = False  # "wall" and --test are to be typed as they stand
 default_role = "literal"  # of `single backticks` in docstrings
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_type_aliases = {"ArrayLike": "ArrayLike", "NDArray": "NDArray"}
 napoleon_numpy_docstring = False
+napoleon_use_ivar = True
 napoleon_use_rtype = False
 python_maximum_signature_line_length = 100
 toc_object_entries = False

@@ -28,7 +28,7 @@ def run_example(example: Example, names: dict[str, object]) -> None:
     if example.file:
         Path(example.file).write_text(text, encoding="utf-8")
     elif example.language == "python":
-        exec(compile("\n" * example.line + text, str(DOCS / example.page), "exec"), names)
+        exec(compile("\n" * (example.line - 1) + text, str(DOCS / example.page), "exec"), names)
     elif example.language == "sh":
         for line in text.splitlines():
             program, *words = shlex.split(line)

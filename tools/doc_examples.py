@@ -61,10 +61,11 @@ class Example:
 def examples(page: str) -> list[Example]:
     """Those of a page, like "tutorial.md", that are not for the builder of the site."""
     text = (DOCS / page).read_text(encoding="utf-8")
-    return [
-        Example(page, found["language"], found["text"], text[: found.start()].count("\n") + 1, _marks(found["mark"] or ""))
-        for found in _EXAMPLE.finditer(text)
-    ]
+    found = []
+    for match in _EXAMPLE.finditer(text):
+        line = text[: match.start("text")].count("\n") + 1
+        found.append(Example(page, match["language"], match["text"], line, _marks(match["mark"] or "")))
+    return found
 
 
 def _marks(comment: str) -> dict[str, str]:

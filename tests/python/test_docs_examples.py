@@ -10,7 +10,7 @@ from run_examples import DOCS, ROOT, Example, examples, run_example, run_page
 
 PAGES = sorted(path.name for path in DOCS.glob("*.md"))
 # Pages whose examples have a test of their own, which knows what comes out of each.
-ELSEWHERE = {"checkpoints.md", "search.md"}
+ELSEWHERE = {"checkpoints.md", "contact_search.md"}
 NEEDED = {
     "tutorial.md": ("av", "gsd", "h5py", "matplotlib"),
     "files.md": ("av", "gsd", "h5py", "pyarrow"),
@@ -113,6 +113,7 @@ def test_options_are_those_of_the_program(page):
     known |= {option for command in commands.commands.values() for p in command.params for option in p.opts}
     known |= {"--preset", "--prefix"}  # of CMake
     text = (DOCS / page).read_text(encoding="utf-8")
-    tools = "".join(path.read_text(encoding="utf-8") for path in [*ROOT.glob("tools/*.py"), *ROOT.glob("benchmarks/*.py")])
+    programs = [*ROOT.glob("tools/*.py"), *ROOT.glob("benchmarks/*.py")]
+    tools = "".join(path.read_text(encoding="utf-8") for path in programs)
     for option in re.findall(r"(?<![\w-])--[a-z][a-z-]+", text):
         assert option in known or f'"{option}"' in tools, option

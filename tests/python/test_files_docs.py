@@ -1,5 +1,6 @@
 """What docs/files.md says of sizes is so. Its examples run in test_docs_examples.py."""
 
+import re
 from pathlib import Path
 
 import pytest
