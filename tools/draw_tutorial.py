@@ -30,7 +30,7 @@ def main() -> None:
     for frame in FRAMES:
         world.step(frame - world.frame, 1 / scene.settings.fps)
         speed = np.linalg.norm(fc.to_numpy(world.velocities), axis=1)
-        pictures.append(renderer.draw(fc.to_numpy(world.positions), fc.to_numpy(world.radii), speed, time=world.time))
+        pictures.append(renderer.draw(fc.to_numpy(world.positions), fc.to_numpy(world.radii), speed))
     path = DOCS / "pictures" / "tutorial.png"
     Image.fromarray(np.concatenate(pictures, axis=1)).save(path, optimize=True)
     print(path, f"{path.stat().st_size / 1000:.0f} kB")
