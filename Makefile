@@ -64,7 +64,7 @@ sanitize: .venv/build-tools
 	done
 
 clean:
-	rm -rf .venv build demo videos video.mp4
+	rm -rf .venv build demo videos video.mp4 docs/generated
 
 # --- How .venv is made. Each file in it marks a step that is done. ---
 

@@ -111,7 +111,7 @@ def test_options_are_those_of_the_program(page):
 
     known = {parameter.option for parameter in PARAMETERS.values()} | {"--help", "--test", "--build", "--install"}
     known |= {option for command in commands.commands.values() for p in command.params for option in p.opts}
-    known |= {"--preset", "--prefix"}  # of CMake
+    known |= {"--preset", "--component", "--prefix"}  # of CMake
     text = (DOCS / page).read_text(encoding="utf-8")
     programs = [*ROOT.glob("tools/*.py"), *ROOT.glob("benchmarks/*.py")]
     tools = "".join(path.read_text(encoding="utf-8") for path in programs)

@@ -36,8 +36,8 @@ def test_many_calls(capsys):
 
 
 def test_from_scipy():
-    spatial = pytest.importorskip("scipy.spatial")
     names = run(2)
+    spatial = pytest.importorskip("scipy.spatial")
     expected = spatial.cKDTree(names["points"]).query_pairs(0.5, output_type="ndarray")
     expected = expected[np.lexsort(expected.T[::-1])]
     np.testing.assert_array_equal(names["pairs"], expected)
