@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import fastcollide
+from docutils import nodes
 from fastcollide.scene_text import new_scene
 
 GENERATED = Path(__file__).parent / "generated"
@@ -56,7 +57,15 @@ def link_to_pages(app, name, source):
         source[0] = source[0].replace(f"]({above}", f"]({page}")
 
 
+def draw_dashes(app, doctree):
+    """The two hyphens that Sphinx puts behind the name of an argument."""
+    for text in list(doctree.findall(nodes.Text)):
+        if text == " -- ":
+            text.parent.replace(text, nodes.Text(" – "))
+
+
 def setup(app):
     GENERATED.mkdir(exist_ok=True)
     (GENERATED / "scene.toml").write_text(new_scene(), encoding="utf-8")
     app.connect("source-read", link_to_pages)
+    app.connect("doctree-read", draw_dashes)
