@@ -43,6 +43,8 @@ def tutorial():
 def files():
     assert {path.name for path in Path("pile").iterdir()} >= {"run.gsd", "run.vtkhdf", "ledger.parquet", "run.json"}
     assert Path("pile.mp4").is_file()
+    with fc.open("pile") as run:
+        assert (len(run), run.times[-1], run.settings["fps"]) == (60, 2.0, 60)
 
 
 def ledger():
