@@ -42,11 +42,10 @@ class FrameRuns {
       set_pointers(world);
       const FrameControl control = run_once(world, frames, timer);
       count_ = count;
-      const bool had_room = control.longest <= rows_ << lane_bits_ && control.most_stray_records <= stray_places_;
-      const bool needs_more = !had_room || control.longest > crowded_at(rows_ << lane_bits_);
-      const bool is_crowded = needs_more && !grow(control);
+      const bool had_room = control.longest <= world.lists.places() && control.most_stray_records <= stray_places_;
+      make_room(control, frames);
       if (had_room) return control.watch;
-      if (is_crowded) return {};
+      if (count == crowded_count_) return {};
       world.is_new = false;
     }
   }
@@ -145,16 +144,23 @@ class FrameRuns {
     return ((count << lane_bits_) + width - 1) / width * width * rows_;
   }
 
-  bool grow(const FrameControl& control) {
-    const std::uint32_t rows = (control.longest + (1u << lane_bits_) - 1) >> lane_bits_;
-    if (rows > rows_) rows_ = rows + rows / 4;
+  // What a pass had no room for must have it; lists that are void now and then may stay so. Where many are, and longer
+  // ones would take too much memory, this form is no way to run the world.
+  void make_room(const FrameControl& control, std::int64_t frames) {
+    const std::uint32_t needed = (control.longest + (1u << lane_bits_) - 1) >> lane_bits_;
+    std::uint32_t rows = std::max(rows_, needed);
+    const std::int64_t void_lists = control.void_lists / frames;
+    if (void_lists > count_ / 2048) rows = std::max(rows, rows_ + rows_ / 2 + 1);
     stray_places_ = std::max(stray_places_, control.most_stray_records + control.most_stray_records / 2);
-    if (list_places(count_) <= std::max(most_places, most_places_each * count_)) return true;
-    crowded_count_ = count_;
-    count_ = 0;
-    rows_ = 0;
-    list_entries_ = typename B::template Buffer<std::uint32_t>(backend_);
-    return false;
+    if (rows == rows_) return;
+    if (count_ * (std::int64_t(rows) << lane_bits_) > std::max(most_places, most_places_each * count_)) {
+      if (needed <= rows_ && void_lists < count_ / 16) return;
+      crowded_count_ = count_;
+      count_ = 0;
+      rows = 0;
+    }
+    rows_ = rows;
+    list_entries_ = typename B::template Buffer<std::uint32_t>(backend_);  // to be made anew; nothing is kept in it
   }
 
   struct StateBuffers {
@@ -199,7 +205,7 @@ class FrameRuns {
   }
 
   // Of all lists together.
-  static constexpr std::int64_t most_places = std::int64_t(1) << 24, most_places_each = 512;
+  static constexpr std::int64_t most_places = std::int64_t(1) << 24, most_places_each = 64;
 
   B& backend_;
   FrameRunner<B> runner_;

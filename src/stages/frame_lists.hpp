@@ -14,14 +14,16 @@ namespace fastcollide {
 struct FrameControl {
   std::uint32_t frame;             // counted from 0 in a run; of the lists that are made
   std::uint32_t next_slot;         // that the next block of cells takes
-  std::uint32_t longest;           // list that was wanted, where one has little room left
+  std::uint32_t void_lists;        // too short, in all frames
+  std::uint32_t longest;           // that a pass wanted, where it found more than a list and strays have room for
   std::uint32_t stray_records[3];  // in turn: of the pass before, of this one, of the next
   std::uint32_t most_stray_records, strays;
   Watch watch;
 };
 
 // Entry k of a sphere belongs to lane k % lanes. Spheres whose entries are read at the same time lie side by side:
-// `width` words hold one entry of each lane of width / lanes spheres.
+// `width` words hold one entry of each lane of width / lanes spheres. A count may be larger than the places: then the
+// list is void, and its sphere looks through the grid in each pass.
 struct FrameLists {
   std::uint32_t* entries;
   std::uint32_t* counts;
@@ -29,6 +31,7 @@ struct FrameLists {
   std::uint32_t lane_bits, width_bits;
 
   FC_HOST_DEVICE std::uint32_t lanes() const { return 1u << lane_bits; }
+  FC_HOST_DEVICE std::uint32_t places() const { return rows << lane_bits; }             // of a sphere
   FC_HOST_DEVICE std::int64_t stride() const { return std::int64_t(1) << width_bits; }  // from row to row
   FC_HOST_DEVICE std::uint32_t* of_lane(std::int64_t slot, std::uint32_t lane) const {
     const std::uint32_t sphere_bits = width_bits - lane_bits;
@@ -36,9 +39,6 @@ struct FrameLists {
     return entries + ((block * rows) << width_bits) + (sphere << lane_bits) + lane;
   }
 };
-
-// Lists grow when one is longer than this part of its places, before any has too few: then frames are done twice.
-FC_HOST_DEVICE inline std::uint32_t crowded_at(std::uint32_t places) { return places - places / 4; }
 
 inline constexpr std::uint32_t no_stray = ~std::uint32_t(0);
 
@@ -120,6 +120,9 @@ struct SortedSlots {
   const std::uint32_t *cell_start, *cell_end;
   const Vec4* balls;
   SkinLaw law;
+
+  // From where a ball stands to those that may be listed with it.
+  FC_HOST_DEVICE float search_range(Vec4 ball) const { return ball.w + law.reach + law.largest_radius + law.thickest; }
 };
 
 // Calls visit(slot, ball) for the slots in the cells that overlap position ± range; rows of cells are shared among the
@@ -163,8 +166,7 @@ struct FoundEntries {
         lists.of_lane(slot, place & (lists.lanes() - 1))[std::int64_t(row) * lists.stride()] = slots[i];
       }
     }
-    const std::uint32_t end = first + count;
-    if (end > crowded_at(lists.rows << lists.lane_bits)) atomic_max(&control->longest, end);
+    if (first <= lists.places() && first + count > lists.places()) atomic_add(&control->void_lists, 1);
     count = 0;
   }
 };
@@ -187,7 +189,7 @@ struct RecordFrameLists {
     if (is_fixed(masses[slot])) return;  // nothing pushes it, so it asks for nobody
     const Vec4 self = sorted.balls[slot];
     const Vec3 position{self.x, self.y, self.z};
-    const float range = self.w + sorted.law.reach + sorted.law.largest_radius + sorted.law.thickest;
+    const float range = sorted.search_range(self);
     if constexpr (is_shared) {
       FoundEntries found;
       auto record = [&](std::uint32_t other, Vec4 there) {
@@ -209,7 +211,7 @@ struct RecordFrameLists {
       };
       visit_sorted(sorted, position, range, Lane{}, record);
       lists.counts[slot] = found;
-      if (found > crowded_at(lists.rows)) atomic_max(&control->longest, found);
+      if (found > lists.rows) atomic_add(&control->void_lists, 1);
     }
   }
 };
@@ -229,7 +231,8 @@ struct FrameListNeighbors {
   template <class Visit>
   FC_HOST_DEVICE void visit(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane, Visit& visit) const {
     std::uint32_t* list = lists.of_lane(slot, static_cast<std::uint32_t>(lane.index));
-    const std::uint32_t all = smaller_of(lists.counts[slot], lists.rows << lists.lane_bits);
+    const bool is_void = lists.counts[slot] > lists.places();
+    const std::uint32_t all = is_void ? 0 : lists.counts[slot];
     // Entries of this lane, and the first row that no lane uses.
     const std::uint32_t own = (all + lists.lanes() - 1 - static_cast<std::uint32_t>(lane.index)) >> lists.lane_bits;
     const std::uint32_t rows = (all + lists.lanes() - 1) >> lists.lane_bits;
@@ -242,10 +245,19 @@ struct FrameListNeighbors {
     };
     visit_near(grid.position_radius, grid.period, position, grid.position_radius[slot].w + sorted.law.reach,
                own + unlisted, slot_at, visit);
+    if (is_void) visit_grid(grid, slot, lane, visit);
   }
 
  private:
-  FC_HOST_DEVICE static std::uint32_t smaller_of(std::uint32_t a, std::uint32_t b) { return a < b ? a : b; }
+  // What the list should hold.
+  template <class Visit>
+  FC_HOST_DEVICE void visit_grid(const GridView& grid, std::int64_t slot, Lane lane, Visit& visit) const {
+    const Vec4 self = sorted.balls[slot];
+    auto visit_listed = [&](std::uint32_t other, Vec4 there) {
+      if (other != slot && are_listed(self, there, grid.period, sorted.law.reach)) visit(other);
+    };
+    visit_sorted(sorted, {self.x, self.y, self.z}, sorted.search_range(self), lane, visit_listed);
+  }
 
   // Behind the list, from `row` on, for this pass alone: what only strays bring near. Returns how many.
   FC_HOST_DEVICE std::uint32_t write_unlisted(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane,

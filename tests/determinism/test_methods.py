@@ -136,6 +136,16 @@ def test_spheres_that_leave_their_skins(device, solver):
         assert_equal_steps(all_methods(device, solver, spheres, bounds=bounds, boundary=boundary), (1, 9, 30), 0.03)
 
 
+def test_more_neighbours_than_a_list_holds(device, solver):
+    bounds = ((0, 0, 0), (4, 4, 4))
+    worlds = all_methods(
+        device, solver, fc.random_spheres(3000, bounds, seed=7, radius=(0.03, 0.06), speed=(3, 3, 3)), bounds=bounds
+    )
+    for world in worlds:
+        world.add(position=[[1.5, 1.5, 2.0], [3.0, 3.0, 1.5]], radius=[1.0, 0.7])
+    assert_equal_steps(worlds, (1, 20))
+
+
 def test_other_lengths_of_a_frame(device, solver):
     worlds = all_methods(device, solver, fc.random_spheres(2000, seed=8))
     for dt in (1 / 60, 1 / 15, 1 / 600, 1 / 60):
