@@ -37,8 +37,7 @@ def steps(example: Example, address: str) -> Iterator[tuple[str, str]]:
     if example.file:
         yield f"write {example.file}", _with_text(f"cat > {shlex.quote(example.file)}", example.text)
     elif example.language == "python":
-        first = example.text.splitlines()[0]
-        yield f"Python: {first} …", _with_text("python -", example.text)
+        yield f"Python, line {example.line} of docs/{example.page}", _with_text("python -", example.text)
     else:
         for line in example.text.splitlines():
             yield line, line.replace("ADDRESS", shlex.quote(address))
