@@ -18,10 +18,11 @@ settings = CUDA=$(FASTCOLLIDE_CUDA) for $(FASTCOLLIDE_CUDA_ARCHITECTURES), C++ c
 sources := CMakeLists.txt LICENSE README.md pyproject.toml tests/determinism/print_hash.cpp \
   $(shell find cmake include python src ! -path '*__pycache__*')
 
-.PHONY: help demo test validate videos bench lint sanitize clean always
+.PHONY: help demo test docs validate videos bench lint sanitize clean always
 help:
 	@echo "make demo      simulate 10,000 spheres for 5 s and make a video of them"
 	@echo "make test      run every test"
+	@echo "make docs      build the documentation into build/docs"
 	@echo "make validate  compare with the literature: gases, packings, a hopper (20 minutes on 2 cores; DEVICE=cuda)"
 	@echo "make videos    make a small video of each scene"
 	@echo "make bench     measure this machine"
@@ -37,6 +38,11 @@ test: .venv/installed
 	@ctest --test-dir build/package --output-on-failure --no-tests=error
 	@echo "== Python tests"
 	@pytest
+
+# A page or a docstring that Sphinx finds fault with, or a link that leads nowhere, is an error.
+docs: .venv/installed
+	@python -m sphinx --builder html --fail-on-warning --keep-going --nitpicky --quiet docs build/docs
+	@echo "== Built build/docs/index.html"
 
 # Pictures and table show what was found, in its band or not.
 validate: .venv/installed
@@ -58,7 +64,7 @@ sanitize: .venv/build-tools
 	done
 
 clean:
-	rm -rf .venv build demo videos video.mp4
+	rm -rf .venv build demo videos video.mp4 docs/generated
 
 # --- How .venv is made. Each file in it marks a step that is done. ---
 
@@ -86,7 +92,7 @@ clean:
 	@echo "== Building and installing fastcollide (about a minute)"
 	@SKBUILD_BUILD_DIR=build/package \
 	SKBUILD_CMAKE_DEFINE="FASTCOLLIDE_BUILD_TESTS=ON;FASTCOLLIDE_CUDA=$(FASTCOLLIDE_CUDA);FASTCOLLIDE_CUDA_ARCHITECTURES=$(subst ;, ,$(FASTCOLLIDE_CUDA_ARCHITECTURES))" \
-	  pip install --quiet --no-build-isolation ".[files,plot,video,view,test]"
+	  pip install --quiet --no-build-isolation ".[docs,files,plot,video,view,test]"
 	@python -c 'import fastcollide; cuda = fastcollide.build_info().cuda; print("== Built", f"for CUDA {cuda}" if cuda else "without CUDA")'
 	@touch $@
 

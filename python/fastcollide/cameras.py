@@ -30,7 +30,14 @@ CAMERA_NAMES = (*_DIRECTIONS, "orbit")
 class Camera:
     """Where a picture is taken from.
 
-    eye, target: points [m]; up: direction that is up in the picture; field_of_view_degrees: vertical angle of view.
+    Args:
+        eye: the place of the camera [m].
+        target: the place that is in the middle of the picture [m].
+        up: direction that is up in the picture.
+        field_of_view_degrees: vertical angle of view, 1 to 150.
+
+    Raises:
+        InvalidValue: where one of them is outside its range.
     """
 
     eye: tuple[float, float, float]
@@ -86,7 +93,14 @@ def camera_for_box(
 
 @dataclass(frozen=True)
 class Orbit:
-    """A camera that goes round the box, once in each period [s] of simulated time, starting where "auto" looks from."""
+    """A camera that goes round the box, starting where "auto" looks from.
+
+    Args:
+        period: simulated time of one round [s].
+
+    Raises:
+        InvalidValue: where it is not above 0.
+    """
 
     period: float = DEFAULT_ORBIT_PERIOD
 
@@ -95,10 +109,15 @@ class Orbit:
             raise invalid("camera.period", self.period, "a finite number above 0 [s]")
 
     def camera_at(self, time: float, bounds: Bounds, aspect: float) -> Camera:
-        """The camera at this time [s]; aspect: width over height of the picture.
+        """The camera at a time.
 
         It looks at the middle of the box, from as far away as the whole box needs from the worst side: a distance that
         changed on the way round would look as if the box breathed.
+
+        Args:
+            time: simulated time [s].
+            bounds: lower and upper corner of the box [m].
+            aspect: width over height of the picture.
         """
         lower, upper = (np.asarray(corner, dtype=float) for corner in bounds)
         middle = (lower + upper) / 2

@@ -20,9 +20,13 @@ _NO_LIMIT = 2**63 - 1
 
 @dataclass(frozen=True)
 class Pairs:
-    """Pairs of indices, sorted by (first, second): int32, shape (n,), on the device of the input.
+    """Pairs of indices, sorted by (first, second), on the device of the input.
 
     Within one set first < second; of two sets first counts in the one, second in the other.
+
+    Attributes:
+        first: int32, shape (n,).
+        second: int32, shape (n,).
     """
 
     first: Any
@@ -36,8 +40,11 @@ class Pairs:
 class Neighbors:
     """Compressed rows: the neighbours of i are indices[offsets[i]:offsets[i + 1]], on the device of the input.
 
-    offsets: int64, shape (n + 1,); indices: int32, shape (m,); distances: of each, of the input's type, or None;
-    shortened_rows: how many rows had more than max_neighbors and were cut to their nearest.
+    Attributes:
+        offsets: int64, shape (n + 1,).
+        indices: int32, shape (m,).
+        distances: of each, of the input's type, shape (m,), or None where they were not asked for.
+        shortened_rows: how many rows had more than max_neighbors and were cut to their nearest.
     """
 
     offsets: Any
@@ -53,15 +60,20 @@ class Neighbors:
 class ContactFinder:
     """The searches of this module with memory that is kept from call to call: for many calls in a row.
 
-    threads: of the CPU (None: all). It searches where the arrays lie. Threads that share a finder take turns.
-    skin: a length, for spheres that move little from call to call. The finder then keeps candidates: all pairs whose
-    surfaces are less than `skin` beyond the margin. As long as no two spheres can have come closer by more than that,
-    which each call checks where the arrays lie, later calls look at the candidates alone; else the list is made anew.
-    Positions, radii and margin may change freely: the result is that of a new search, bit for bit. The list of one set
-    of spheres (or pair of sets) is kept at a time, and one of two kinds: of pairs once (contacts, pairs, counts,
-    total) or of the neighbours of each. 0 keeps none.
+    It searches where the arrays lie. Threads that share a finder take turns.
 
-    Raises InvalidValue for a wrong skin.
+    With a skin the finder keeps candidates: all pairs whose surfaces are less than the skin beyond the margin. As long
+    as no two spheres can have come closer by more than that, which each call checks where the arrays lie, later calls
+    look at the candidates alone; else the list is made anew. Positions, radii and margin may change freely: the result
+    is that of a new search, bit for bit. The list of one set of spheres (or pair of sets) is kept at a time, and one of
+    two kinds: of pairs once (contacts, pairs, counts, total) or of the neighbours of each.
+
+    Args:
+        threads: of the CPU. None: all.
+        skin: a length, for spheres that move little from call to call. 0 keeps no candidates.
+
+    Raises:
+        InvalidValue: for a wrong skin.
     """
 
     def __init__(self, threads: int | None = None, skin: float = 0.0) -> None:
@@ -86,7 +98,7 @@ class ContactFinder:
         output: str = "contacts",
         max_contacts: int | None = None,
     ) -> Any:
-        """See fastcollide.find_contacts."""
+        """As :func:`fastcollide.find_contacts`, in the memory that the finder keeps."""
         if output not in OUTPUTS:
             raise InvalidValue(f'output: found "{output}"; allowed: {", ".join(OUTPUTS)}', "output")
         search = _Search(positions, "positions", radii, "radii")
@@ -119,7 +131,7 @@ class ContactFinder:
         sort: str = "index",
         max_neighbors: int | None = None,
     ) -> Neighbors:
-        """See fastcollide.find_neighbors."""
+        """As :func:`fastcollide.find_neighbors`, in the memory that the finder keeps."""
         for field, value, allowed in (
             ("distances", distances, (None, "euclidean", "squared")),
             ("sort", sort, ("index", "distance")),
@@ -161,30 +173,40 @@ def find_contacts(
     output: str = "contacts",
     max_contacts: int | None = None,
 ) -> Any:
-    """All pairs of spheres whose surfaces are less than `margin` apart: d² < (r₁ + r₂ + margin)², each operation in
-    double precision, whatever the type of the input. None is missed, at any ratio of sizes; spheres that just touch are
-    not in contact.
+    """All pairs of spheres whose surfaces are less than `margin` apart: d² < (r₁ + r₂ + margin)².
 
-    positions: shape (n, 3), float32 or float64; radii: shape (n,), of the same type, or one number for all; margin ≥ 0.
-    All in one unit of length. Arrays of NumPy, PyTorch, CuPy, JAX, or anything with DLPack or the CUDA array interface,
-    with any strides, are read where they lie; on a GPU nothing passes through the host, and the search takes its place
-    on the caller's current stream. Lists and integers are converted.
-    boundary: "open" or "periodic", for all axes or for each ("wall" counts as open); bounds: lower and upper corner,
-    needed where an axis is periodic. Positions lie inside them there, and the period is more than twice the largest
-    reach.
-    other_positions, other_radii: a second set; then pairs of one sphere from each are found.
-    output: "contacts" gives Contacts (first, second, gap, normal); "pairs" without the last two; "neighbors" gives
-    Neighbors, for each sphere all that it touches; "counts" an array, int64, shape (n,); "total" an int.
-    max_contacts: a list with more entries is refused.
+    Each operation is in double precision, whatever the type of the input. None is missed, at any ratio of sizes;
+    spheres that just touch are not in contact.
 
-    The result is of the kind and on the device of `positions`: indices int32, offsets and counts int64, gaps and
-    normals of the type of the positions (measured in double precision, rounded once).
+    Arrays of NumPy, PyTorch, CuPy, JAX, or anything with DLPack or the CUDA array interface, with any strides, are read
+    where they lie; on a GPU nothing passes through the host, and the search takes its place on the caller's current
+    stream. Lists and integers are converted.
 
     Coordinates reach up to 2¹⁷ times (radius + margin / 2) from 0 in float32 (2⁴⁶ in float64): beyond, the type cannot
     place the sphere to 1/64 of its radius.
 
-    Raises InvalidValue, with field and index, for a wrong number, shape or type; OutOfMemory where the list does not
-    fit; DeviceError where the device fails.
+    Args:
+        positions: shape (n, 3), float32 or float64, in any unit of length.
+        radii: shape (n,), of the same type and unit, or one number for all.
+        margin: how far apart two surfaces may be that still count, 0 or more.
+        bounds: lower and upper corner, needed where an axis is periodic. Positions lie inside them there, and the
+            period is more than twice the largest reach.
+        boundary: "open" or "periodic", for all axes or for each; "wall" counts as open.
+        other_positions: a second set, shape (m, 3); then pairs of one sphere from each are found.
+        other_radii: of the second set.
+        output: "contacts" gives `Contacts` (first, second, gap, normal); "pairs" `Pairs`, without the last two;
+            "neighbors" `Neighbors`, for each sphere all that it touches; "counts" an array, int64, shape (n,); "total"
+            an int.
+        max_contacts: a list with more entries is refused.
+
+    Returns:
+        What `output` says, of the kind and on the device of `positions`: indices int32, offsets and counts int64, gaps
+        and normals of the type of the positions (measured in double precision, rounded once).
+
+    Raises:
+        InvalidValue: with field and index, for a wrong number, shape or type.
+        OutOfMemory: where the list does not fit.
+        DeviceError: where the device fails.
     """
     return ContactFinder().find_contacts(
         positions,
@@ -213,12 +235,25 @@ def find_neighbors(
 ) -> Neighbors:
     """For each point all others with d² ≤ radius², or for each query all points; decided in double precision.
 
-    points, queries: shape (n, 3) and (m, 3), arrays as find_contacts takes them; radius > 0; bounds and boundary as
-    there.
-    distances: "euclidean" or "squared" to get them. sort: each row by "index" or by "distance" (ties by index).
-    max_neighbors: rows with more keep their nearest (ties by index); shortened_rows of the result says how many.
+    A point is not its own neighbour; another one at the same place is.
 
-    A point is not its own neighbour; another one at the same place is. Raises as find_contacts does.
+    Args:
+        points: shape (n, 3), an array as `find_contacts` takes it.
+        radius: more than 0; a neighbour at exactly this distance counts.
+        queries: shape (m, 3), an array like points.
+        bounds: as for `find_contacts`.
+        boundary: as for `find_contacts`.
+        distances: "euclidean" or "squared" to get them.
+        sort: each row by "index" or by "distance" (ties by index).
+        max_neighbors: rows with more keep their nearest (ties by index); `shortened_rows` of the result says how many.
+
+    Returns:
+        A row for each point, or for each query.
+
+    Raises:
+        InvalidValue: with field and index, for a wrong number, shape or type.
+        OutOfMemory: where the list does not fit.
+        DeviceError: where the device fails.
     """
     return ContactFinder().find_neighbors(
         points,

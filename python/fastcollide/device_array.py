@@ -12,7 +12,13 @@ class DeviceArray:
     ``torch.from_dlpack(a)``, ``jax.dlpack.from_dlpack(a)`` copy nothing.
 
     The world's work on it is complete whenever one of its calls has returned; its next call waits for whatever the
-    user's libraries still do on that GPU. The memory lives as long as any array that shares it.
+    user's libraries still do on that GPU. The memory lives as long as any array that shares it. Worlds make these;
+    nobody else needs to.
+
+    Attributes:
+        shape: number of elements along each axis.
+        dtype: NumPy's type of the elements.
+        device: "cuda:N".
     """
 
     def __init__(self, inner: Any, pointer: int, shape: tuple[int, ...], typestr: str, device_id: int) -> None:
@@ -25,6 +31,7 @@ class DeviceArray:
 
     @property
     def ndim(self) -> int:
+        """Number of axes."""
         return len(self.shape)
 
     @property
@@ -34,6 +41,7 @@ class DeviceArray:
 
     @property
     def nbytes(self) -> int:
+        """Size [bytes]."""
         return self.size * self.dtype.itemsize
 
     def __len__(self) -> int:

@@ -14,7 +14,13 @@ if hasattr(os, "register_at_fork"):
 
 @dataclass(frozen=True)
 class Device:
-    """name: as World takes it; description: the maker's name; memory_bytes: of the device."""
+    """What a world can live on.
+
+    Attributes:
+        name: as World takes it, "cpu" or "cuda:N".
+        description: the maker's name.
+        memory_bytes: of the device.
+    """
 
     name: str
     description: str
@@ -23,8 +29,15 @@ class Device:
 
 @dataclass(frozen=True)
 class BuildInfo:
-    """cuda: version of the CUDA toolkit, None if built without; cuda_architectures: as given to the build; is_debug:
-    with assertions, so nothing to measure speed with."""
+    """How this package was built.
+
+    Attributes:
+        version: of FastCollide.
+        compiler: of C++, with its version.
+        cuda: version of the CUDA toolkit, None if built without.
+        cuda_architectures: as given to the build.
+        is_debug: with assertions, so nothing to measure speed with.
+    """
 
     version: str
     compiler: str
@@ -37,11 +50,13 @@ class BuildInfo:
 class Limits:
     """What a world can hold.
 
-    spheres: the most in one world;
-    bytes_per_sphere, bytes_per_cell: memory on the world's device while it steps (a grid has at most 4 cells a sphere,
-    or 2^18 if that is more); bytes_for_spin: more for each sphere of a world with friction or spin;
-    reach_in_radii: coordinates up to this many smallest radii from 0 are always allowed, those from twice that never:
-    float32 could not place such a sphere to 1/64 of its radius.
+    Attributes:
+        spheres: the most in one world.
+        bytes_per_sphere: memory on the world's device while it steps.
+        bytes_for_spin: more for each sphere of a world with friction or spin.
+        bytes_per_cell: a grid has at most 4 cells a sphere, or 2¹⁸ if that is more.
+        reach_in_radii: coordinates up to this many smallest radii from 0 are always allowed, those from twice that
+            never: float32 could not place such a sphere to 1/64 of its radius.
     """
 
     spheres: int

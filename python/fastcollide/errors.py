@@ -7,10 +7,11 @@ from os import PathLike, fspath
 
 
 class InvalidValue(ValueError):
-    """An argument or a number of the state is outside its range.
+    """An argument or a number of the state is outside its range. The message says what was found and what is allowed.
 
-    field: name of the argument; index: which element of it, or None for a scalar. The message says what was found and
-    what is allowed.
+    Attributes:
+        field: name of the argument.
+        index: which element of it, or None for a scalar.
     """
 
     def __init__(self, message: str, field: str, index: int | None = None) -> None:
@@ -35,7 +36,14 @@ class OutOfMemory(MemoryError):
 
 
 class CheckpointError(ValueError):
-    """A file is no saved world, or it is damaged. path: the file; block: the part of it, or None for the whole."""
+    """A file is no saved world, or it is damaged.
+
+    Attributes:
+        path: the file.
+        block: the part of it, or None for the whole.
+        found: what was found there.
+        allowed: what is allowed there.
+    """
 
     def __init__(self, path: str | PathLike[str], block: str | None, found: str, allowed: str) -> None:
         super().__init__(fspath(path), block, found, allowed)

@@ -43,9 +43,15 @@ class FrameError(ValueError):
 class Frame:
     """One frame of a run.
 
-    frame: number of frames simulated before it was written; time [s];
-    positions [m], shape (n, 3) float32; radii [m], shape (n,) float32; velocities [m/s] and spins [rad/s], shape (n, 3)
-    float32, or None where the file has none of them, as text files never have; all in id order.
+    Arrays are float32, in id order.
+
+    Attributes:
+        frame: number of frames simulated before it was written.
+        time: simulated time [s].
+        positions: [m], shape (n, 3).
+        radii: [m], shape (n,).
+        velocities: [m/s], shape (n, 3), or None where the file has none, as text files never have.
+        spins: [rad/s], shape (n, 3), or None likewise.
     """
 
     frame: int
@@ -86,8 +92,15 @@ def remove_frames(folder: str | os.PathLike[str], after: int = -1) -> int:
 def write_frame(path: str | os.PathLike[str], frame: int, time: float, positions: ArrayLike, radii: ArrayLike) -> None:
     """Writes one frame file; under its name it is whole or not there at all.
 
-    frame: frames simulated so far; time [s]; positions [m], shape (n, 3); radii [m], shape (n,).
-    Raises OSError where the file cannot be written.
+    Args:
+        path: the file.
+        frame: frames simulated so far.
+        time: simulated time [s].
+        positions: [m], shape (n, 3).
+        radii: [m], shape (n,).
+
+    Raises:
+        OSError: where the file cannot be written.
     """
     content = _core.format_frame(
         frame,
@@ -118,7 +131,12 @@ class FrameFiles:
 def read_frame(path: str | os.PathLike[str]) -> Frame:
     """Reads one frame file.
 
-    Raises FrameError where it is not a whole frame file, OSError where it cannot be read.
+    Args:
+        path: the file.
+
+    Raises:
+        FrameError: where it is not a whole frame file.
+        OSError: where it cannot be read.
     """
     path = Path(path)
     content = path.read_bytes()

@@ -83,9 +83,13 @@ class LedgerWriter:
                 world.step(10)
                 ledger.add(world)
 
-    path: the file; a ledger of this name is replaced. keep: where a run goes on, the frames of the rows that stay; what
-    the ledger holds beside them is cut off. Raises LedgerError where the file is something else or lacks one of these
-    rows, OSError where it cannot be written.
+    Args:
+        path: the file; a ledger of this name is replaced.
+        keep: where a run goes on, the frames of the rows that stay; what the ledger holds beside them is cut off.
+
+    Raises:
+        LedgerError: where the file is something else or lacks one of these rows.
+        OSError: where it cannot be written.
     """
 
     def __init__(self, path: str | os.PathLike[str], keep: Sequence[int] | None = None) -> None:
@@ -142,8 +146,14 @@ def check_replaceable(path: Path) -> None:
 def read_ledger(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
     """The columns of a ledger by name, int64 or float64, shape (rows,): ``pandas.DataFrame(fc.read_ledger(folder))``.
 
-    path: the file, or the folder of a run. A last line that a killed run has not finished is left out.
-    Raises LedgerError where it is no ledger, OSError where it cannot be read.
+    A last line that a killed run has not finished is left out.
+
+    Args:
+        path: the file, or the folder of a run.
+
+    Raises:
+        LedgerError: where it is no ledger.
+        OSError: where it cannot be read.
     """
     path = Path(path)
     if path.is_dir():

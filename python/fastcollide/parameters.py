@@ -114,7 +114,7 @@ class ChoicePerAxis:
 
     @property
     def metavar(self) -> str:
-        return f"{'|'.join(self.words)} [Y Z]"
+        return f"{'|'.join(self.words)} ..."
 
     @property
     def allowed(self) -> str:

@@ -27,8 +27,10 @@ class Recording(Sequence[Frame]):
             for frame in run[10:20]:
                 ...
 
-    A slice is a Recording, too, of the same open file. path: what the frames come from, a trajectory file or a folder
-    of frame files.
+    A slice is a Recording, too, of the same open file.
+
+    Attributes:
+        path: what the frames come from, a trajectory file or a folder of frame files.
     """
 
     def __init__(self, path: Path, source: TrajectoryReader, run: dict[str, Any], folder: Path, chosen: range) -> None:
@@ -104,8 +106,13 @@ def open(path: str | os.PathLike[str]) -> Recording:
     Of a folder the trajectory is read where the run made one (.vtkhdf before .gsd) and its library is installed, else
     the frame files. A run may still be going on, or have been killed: the frames are those that are whole now.
 
-    Raises FrameError where there are no frames or the file is something else, MissingLibrary where a library for it is
-    not installed, OSError where it cannot be read.
+    Args:
+        path: the folder or the file.
+
+    Raises:
+        FrameError: where there are no frames or the file is something else.
+        MissingLibrary: where a library for it is not installed.
+        OSError: where it cannot be read.
     """
     path = Path(path)
     if path.suffix.lower() in TRAJECTORY_SUFFIXES and not path.is_dir():

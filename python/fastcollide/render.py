@@ -29,18 +29,25 @@ _SOFT_INK = (92, 102, 117)
 class Renderer:
     """Draws spheres in their box. Keeps its buffers, camera and colour range from picture to picture.
 
-    bounds: lower and upper corner of the box [m].
-    width, height: picture size [pixels]; supersampling: samples along each side of a pixel, 1 to 4.
-    camera: None or "auto", "front", "top", "orbit", or a Camera, or an Orbit, which goes round with the time.
-    has_color_bar: whether the picture has a colour bar.
-    color_by: what the values are: "speed" [m/s], "radius" [m] or "id"; names the colour bar.
-    color_range: values at its two ends. None takes one range for all pictures, so that a colour means the same in a
-        whole video: for the speed 0 to that of a free fall from the box's top to its bottom, or to what 19 of 20
-        spheres of the first picture stay below if that is more, rounded up; for radius and id smallest and largest of
-        the first picture.
-    color_map: "ember" (blue over red to amber) or "tide" (blue over green to yellow).
-    device: "cpu", "cuda", "cuda:1", "auto"; threads: on the CPU, None takes all.
-    Raises InvalidValue where one of them is outside its range, DeviceError where there is no such device.
+    Args:
+        bounds: lower and upper corner of the box [m].
+        width: of the picture [pixels].
+        height: of the picture [pixels].
+        supersampling: samples along each side of a pixel, 1 to 4.
+        camera: None or "auto", "front", "top", "orbit", or a Camera, or an Orbit, which goes round with the time.
+        color_by: what the values are: "speed" [m/s], "radius" [m] or "id"; names the colour bar.
+        color_range: values at its two ends. None takes one range for all pictures, so that a colour means the same in a
+            whole video: for the speed 0 to that of a free fall from the box's top to its bottom, or to what 19 of 20
+            spheres of the first picture stay below if that is more, rounded up; for radius and id smallest and largest
+            of the first picture.
+        device: "cpu", "cuda", "cuda:N" or "auto".
+        threads: of the CPU. None: all.
+        color_map: "ember" (blue over red to amber) or "tide" (blue over green to yellow).
+        has_color_bar: whether the picture has a colour bar.
+
+    Raises:
+        InvalidValue: where one of them is outside its range.
+        DeviceError: where there is no such device.
     """
 
     def __init__(
@@ -101,13 +108,23 @@ class Renderer:
         title: str | None = None,
         time: float | None = None,
     ) -> NDArray[np.uint8]:
-        """A picture, shape (height, width, 3), RGB.
+        """Draws a picture.
 
-        positions [m], shape (n, 3); radii [m], shape (n,); values (what color_by names), shape (n,).
-        title: first line of the caption; time [s]: shown below it together with the number of spheres, and the place of
-        an Orbit.
-        With neither there is no caption; a picture smaller than 320 × 200 has neither caption nor colour bar.
-        Raises InvalidValue where the shapes do not fit.
+        With neither title nor time there is no caption; a picture smaller than 320 × 200 has neither caption nor colour
+        bar.
+
+        Args:
+            positions: [m], shape (n, 3).
+            radii: [m], shape (n,).
+            values: what color_by names, shape (n,).
+            title: first line of the caption.
+            time: [s]; shown below it together with the number of spheres, and the place of an Orbit.
+
+        Returns:
+            RGB, uint8, shape (height, width, 3).
+
+        Raises:
+            InvalidValue: where the shapes do not fit.
         """
         positions = _float_array("positions", positions)
         count = len(positions)

@@ -19,8 +19,14 @@ DEFAULT_BOUNDS: Bounds = ((-10.0, -10.0, 0.0), (10.0, 10.0, 20.0))
 class Spheres:
     """n spheres, float32 arrays in the order of their ids.
 
-    position [m], shape (n, 3); velocity [m/s], shape (n, 3); radius [m], mass [kg] and restitution, shape (n,);
-    spin [rad/s], shape (n, 3) and friction (Coulomb coefficient), shape (n,), or None where there is none.
+    Attributes:
+        position: [m], shape (n, 3).
+        velocity: [m/s], shape (n, 3).
+        radius: [m], shape (n,).
+        mass: [kg], shape (n,).
+        restitution: 0 to 1, shape (n,).
+        spin: [rad/s], shape (n, 3), or None where there is none.
+        friction: Coulomb coefficient, shape (n,), or None where there is none.
     """
 
     position: NDArray[np.float32]
@@ -50,12 +56,22 @@ def random_spheres(
     """The random start: the same bits for the same arguments, on every device.
 
     Each number is uniform between its limits and drawn by Philox4x32-10 from (seed, id): sphere i is the same in a
-    world of ten as in a world of a million. Positions lie where the whole sphere is inside the bounds [m]; v_x and v_y
-    in ± the first two speeds, v_z from 0 to the third [m/s]; radius (smallest, largest) [m]; density [kg/m³] gives the
-    mass density · 4/3 π r³; friction: the Coulomb coefficient of all. `device` computes it: "cpu",
-    "cuda" or "cuda:N".
+    world of ten as in a world of a million.
 
-    Raises InvalidValue for an argument out of range, DeviceError where there is no such device.
+    Args:
+        count: how many.
+        bounds: lower and upper corner of the box in which all of a sphere lies [m].
+        seed: number of the start, 0 to 2⁶⁴ − 1.
+        radius: smallest and largest [m].
+        speed: v_x and v_y lie in ± the first two, v_z from 0 to the third [m/s].
+        restitution: smallest and largest.
+        density: [kg/m³], gives the mass density · 4/3 π r³.
+        device: what computes it, "cpu", "cuda" or "cuda:N".
+        friction: Coulomb coefficient of all.
+
+    Raises:
+        InvalidValue: for an argument out of range.
+        DeviceError: where there is no such device.
     """
     if not 0 <= seed < 2**64:
         raise InvalidValue(f"seed: found {seed}; allowed: 0 to 2^64 - 1", "seed")
@@ -80,8 +96,12 @@ def lattice_spheres(
 ) -> Spheres:
     """The spheres of random_spheres in rows and layers, from the bottom up, so that none overlaps another.
 
-    The places are the middles of equal cells, as close to cubes as fills the bounds.
-    Raises InvalidValue for an argument out of range, and where the largest sphere is larger than a cell.
+    The places are the middles of equal cells, as close to cubes as fills the bounds. The arguments are those of
+    `random_spheres`.
+
+    Raises:
+        InvalidValue: for an argument out of range, and where the largest sphere is larger than a cell.
+        DeviceError: where there is no such device.
     """
     spheres = random_spheres(count, bounds, seed, radius, speed, restitution, density, device, friction=friction)
     lower, upper = (np.array(corner) for corner in corners(bounds))
@@ -114,7 +134,15 @@ def corners(bounds: Bounds) -> tuple[list[float], list[float]]:
 
 
 def drag_from_damping(damping: float, fps: float) -> float:
-    """The drag γ [1/s] whose exp(-γ/fps) is this damping factor per frame: γ = -ln(damping) · fps."""
+    """The drag γ [1/s] whose exp(−γ/fps) is this damping factor per frame: γ = −ln(damping) · fps.
+
+    Args:
+        damping: part of the speed that is left after a frame, more than 0, up to 1.
+        fps: frames a second [1/s].
+
+    Raises:
+        InvalidValue: for an argument out of range.
+    """
     if not 0 < damping <= 1:
         raise InvalidValue(f"damping: found {damping}; allowed: more than 0, up to 1", "damping")
     if not 0 < fps < math.inf:

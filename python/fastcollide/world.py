@@ -23,8 +23,11 @@ LARGEST_FLOAT32 = np.finfo(np.float32).max
 class Contacts:
     """Overlapping pairs, first < second, sorted by (first, second), on the world's device.
 
-    first, second: ids, int32, shape (n,); gap: distance of the surfaces, negative in overlap [m], shape (n,);
-    normal: unit vectors from first to second, shape (n, 3).
+    Attributes:
+        first: ids, int32, shape (n,).
+        second: ids, int32, shape (n,).
+        gap: distance of the surfaces, negative in overlap [m], shape (n,).
+        normal: unit vectors from first to second, shape (n, 3).
     """
 
     first: Any
@@ -37,9 +40,12 @@ class Contacts:
 
 
 class Energy(NamedTuple):
-    """Energy of translation (kinetic), of rotation and of height (potential) [J].
+    """Energy [J].
 
-    The potential is 0 at the lower corner of the box; along an open axis, which has none, at 0.
+    Attributes:
+        kinetic: of translation.
+        rotational: of rotation.
+        potential: of height; 0 at the lower corner of the box, along an open axis, which has none, at 0.
     """
 
     kinetic: float
@@ -48,29 +54,39 @@ class Energy(NamedTuple):
 
     @property
     def total(self) -> float:
+        """The sum of the three [J]."""
         return self.kinetic + self.rotational + self.potential
 
 
 class World:
     """Spheres that fall, collide and bounce in a box.
 
-    bounds: lower and upper corner of the box [m]; boundary: what happens at its ends, for all axes or for each: "wall",
-    "periodic" (a sphere that leaves comes in on the other side) or "open" (no end: the bounds of that axis only frame
-    pictures); gravity [m/s²]; drag γ [1/s]: v ← v·exp(−γ·dt) each frame;
-    floor_restitution: 0 to 1, of the lower z wall (the other five walls use the sphere's own); wall_friction: Coulomb
-    coefficient of all walls; rolling_friction: rolling resistance where spheres turn, a moment of at most this times R
-    times the normal force of a contact, with R = r₁ r₂ / (r₁ + r₂), the radius at a wall; solver: "substep" or
-    "reference"; iterations: substeps, or contact passes, a frame; cell_size: edge of a grid cell [m] of method "cells"
-    and of contacts(), at least the largest diameter (None: as small as that allows; no result depends on it);
-    device: "cpu", "cuda", "cuda:N" or "auto" (a GPU if there is one, see `device`); threads: of the CPU (None: all);
-    method: how neighbours are found, which changes no result: "cells" (a new grid for every pass, simple), "list"
-    (lists that are mended and hold for many passes), "frame" (lists made for each frame; "list" where spheres have
-    friction or spin) or "auto" (the fastest: "frame" on a GPU, else "list"); block_size: of CUDA launches of method
-    "cells", a multiple of 32 up to 512.
-
     The state after k frames is a function of the scene alone: the same bits on every device, at any number of threads.
 
-    Raises InvalidValue for an argument out of range, DeviceError where there is no such device.
+    Args:
+        bounds: lower and upper corner of the box [m].
+        boundary: what happens at its ends, for all axes or for each: "wall", "periodic" (a sphere that leaves comes in
+            on the other side) or "open" (no end: the bounds of that axis only frame pictures).
+        gravity: acceleration [m/s²].
+        drag: γ [1/s]; v ← v·exp(−γ·dt) each frame.
+        floor_restitution: of the lower z wall, 0 to 1; the other five walls use the sphere's own.
+        wall_friction: Coulomb coefficient of all walls.
+        rolling_friction: rolling resistance where spheres turn, a moment of at most this times R times the normal force
+            of a contact, with R = r₁ r₂ / (r₁ + r₂), the radius at a wall.
+        solver: "substep", stable at rest, or "reference", the report's loop, kept as a yardstick.
+        iterations: substeps, or contact passes of the reference solver, in a frame.
+        cell_size: edge of a grid cell [m] of method "cells" and of `contacts()`, at least the largest diameter. None:
+            as small as that allows. No result depends on it.
+        device: "cpu", "cuda", "cuda:N" or "auto", which takes a GPU if there is one; `World.device` says which.
+        threads: of the CPU. None: all.
+        method: how neighbours are found, which changes no result: "cells" (a new grid for every pass, simple), "list"
+            (lists that are mended and hold for many passes), "frame" (lists made for each frame; "list" where spheres
+            have friction or spin) or "auto" (the fastest: "frame" on a GPU, else "list").
+        block_size: of CUDA launches of method "cells", a multiple of 32 up to 512.
+
+    Raises:
+        InvalidValue: for an argument out of range.
+        DeviceError: where there is no such device.
     """
 
     def __init__(
@@ -145,19 +161,31 @@ class World:
         spin: ArrayLike | None = None,
         friction: ArrayLike | None = None,
     ) -> NDArray[np.int32]:
-        """Adds spheres and returns their ids, int32, shape (n,); ids count up from 0.
-
-        Either Spheres or the arrays by name: position [m] and velocity [m/s] (default: at rest), shape (n, 3) or (3,);
-        radius [m], density [kg/m³] (default: 1000) or mass [kg], and restitution 0 to 1 (default: 0.6), shape (n,) or
-        one number for all; spin [rad/s] (default: none) like velocity, friction (Coulomb coefficient, default: 0) like
-        restitution. Arrays of a GPU are copied.
+        """Adds spheres: either Spheres, or the arrays by name. All or nothing.
 
         A sphere of infinite mass is fixed: no force, gravity or contact changes its velocity and spin, and it moves
         with them, through the walls of the box too (its centre starts inside). The others collide with it as with a
         wall; fixed spheres pass through each other.
 
-        All or nothing. Raises InvalidValue, with field and index, for a number out of range or a wrong shape;
-        OutOfMemory where the device is too small.
+        Arrays are anything that NumPy takes, or lie on a GPU; they are copied.
+
+        Args:
+            spheres: those of `random_spheres` and its like.
+            position: [m], shape (n, 3), or (3,) for one.
+            radius: [m], shape (n,), or one number for all.
+            velocity: [m/s], shape (n, 3), or (3,) for all. Default: at rest.
+            density: [kg/m³], shape (n,), or one number for all. Default: 1000.
+            mass: [kg], in place of the density.
+            restitution: 0 to 1, shape (n,), or one number for all; a pair uses the smaller of its two. Default: 0.6.
+            spin: angular velocity [rad/s], like velocity. Default: none.
+            friction: Coulomb coefficient, like restitution. Default: 0.
+
+        Returns:
+            The ids of the new spheres, int32, shape (n,); ids count up from 0.
+
+        Raises:
+            InvalidValue: with field and index, for a number out of range or a wrong shape.
+            OutOfMemory: where the device is too small.
         """
         given = {
             "position": position,
@@ -185,10 +213,17 @@ class World:
         return np.arange(first, first + len(spheres), dtype=np.int32)
 
     def step(self, frames: int = 1, dt: float = 1 / 60) -> None:
-        """Simulates frames of dt seconds each. Ctrl-C ends it between two frames.
+        """Simulates. Ctrl-C ends it between two frames.
 
-        Raises InvalidValue where an array was written with numbers out of range, SimulationError where the simulation
-        leaves its range (the message names the sphere and the frame), DeviceError where the device fails.
+        Args:
+            frames: how many.
+            dt: length of each [s].
+
+        Raises:
+            InvalidValue: where an array was written with numbers out of range.
+            SimulationError: where the simulation leaves its range; the message names the sphere and the frame, and the
+                world stands at the last good one.
+            DeviceError: where the device fails.
         """
         self._world.step(frames, dt)
 
@@ -197,8 +232,14 @@ class World:
 
         A world that is loaded from it goes on as this one does, to the last bit. Under its name the file is whole or
         not there at all, and it is on the disk when this returns; one that was there before stays until then.
-        ``numpy.load`` opens it, too. Raises InvalidValue where an array was written with numbers out of range, OSError
-        where the file cannot be written.
+        ``numpy.load`` opens it, too.
+
+        Args:
+            path: the file; by custom it ends in .fcw.
+
+        Raises:
+            InvalidValue: where an array was written with numbers out of range.
+            OSError: where the file cannot be written.
         """
         self._save(path)
 
@@ -211,11 +252,18 @@ class World:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], device: str = "auto", threads: int | None = None) -> World:
-        """The world in a file of save(), on this device: "cpu", "cuda", "cuda:N" or "auto"; threads: of the CPU.
+        """The world in a file of `save()`. It goes on as the saved one, to the last bit, whatever the two devices are.
 
-        Goes on as the saved one, to the last bit, whatever the two devices are. Raises CheckpointError where the file
-        is no saved world or is damaged, OSError where it cannot be read, DeviceError where there is no such device,
-        OutOfMemory where it is too small.
+        Args:
+            path: the file.
+            device: "cpu", "cuda", "cuda:N" or "auto".
+            threads: of the CPU. None: all.
+
+        Raises:
+            CheckpointError: where the file is no saved world or is damaged.
+            OSError: where it cannot be read.
+            DeviceError: where there is no such device.
+            OutOfMemory: where it is too small.
         """
         return cls._from_archive(read_archive(path), device, threads)
 
@@ -310,7 +358,7 @@ class World:
 
     @property
     def device(self) -> str:
-        """Where the world lives: "cpu" or "cuda:N"."""
+        """The device where the world lives, ``"cpu"`` or ``"cuda:N"``."""
         return self._world.device
 
     @property
@@ -320,7 +368,7 @@ class World:
 
     @property
     def positions(self) -> Any:
-        """Positions [m], float32, shape (n, 3), in id order: the world's own memory, to read and to write.
+        """Positions [m], float32, shape (n, 3), in id order. This is the world's own memory, to read and to write.
 
         A NumPy array on the CPU, a DeviceArray on a GPU. After add() it may be an old copy: ask again.
         """
@@ -348,7 +396,7 @@ class World:
 
     @property
     def has_spin(self) -> bool:
-        """Whether there is memory for spins and frictions: some sphere came with them, or they were asked for."""
+        """Whether there is memory for spins and frictions, as some sphere came with them, or they were asked for."""
         return self._world.has_spin
 
     @property
@@ -365,7 +413,8 @@ class World:
     def contacts(self) -> Contacts:
         """All overlapping pairs of the present state: d² < (r₁ + r₂)² as decided in double precision.
 
-        Raises OutOfMemory where the list does not fit on the device.
+        Raises:
+            OutOfMemory: where the list does not fit on the device.
         """
         return Contacts(*self._world.contacts())
 
@@ -429,13 +478,17 @@ class World:
 
     @property
     def stage_times(self) -> dict[str, float]:
-        """Seconds spent in each stage while timed, by its name: "build_grid", "make_lists", "gather_contacts" and more,
-        which depend on solver and method."""
+        """Seconds spent in each stage while `timed`. The names ("build_grid", "make_lists", "gather_contacts" and more)
+        depend on solver and method."""
         return self._world.stage_times
 
 
 def to_numpy(array: Any) -> NDArray[Any]:
-    """A NumPy array of any array here or on a GPU: shared if it is on the host, else copied."""
+    """A NumPy array of any array, shared if that lies on the host, else copied.
+
+    Args:
+        array: of NumPy, a DeviceArray, or any other with DLPack or the CUDA array interface.
+    """
     if isinstance(array, np.ndarray):
         return array
     device_type = array.__dlpack_device__()[0] if hasattr(array, "__dlpack_device__") else 1

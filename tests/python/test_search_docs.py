@@ -1,4 +1,4 @@
-"""The examples of docs/search.md run and give what the text says."""
+"""The examples of docs/contact_search.md run and give what the text says."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,7 @@ import fastcollide as fc
 import numpy as np
 import pytest
 
-TEXT = (Path(__file__).parent.parent.parent / "docs" / "search.md").read_text(encoding="utf-8")
+TEXT = (Path(__file__).parent.parent.parent / "docs" / "contact_search.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"```python\n(.*?)```", TEXT, flags=re.DOTALL)
 
 
@@ -36,8 +36,8 @@ def test_many_calls(capsys):
 
 
 def test_from_scipy():
-    spatial = pytest.importorskip("scipy.spatial")
     names = run(2)
+    spatial = pytest.importorskip("scipy.spatial")
     expected = spatial.cKDTree(names["points"]).query_pairs(0.5, output_type="ndarray")
     expected = expected[np.lexsort(expected.T[::-1])]
     np.testing.assert_array_equal(names["pairs"], expected)

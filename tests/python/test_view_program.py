@@ -84,7 +84,7 @@ def test_a_trajectory_file(folder, program):
         assert "run.gsd" in shown
 
 
-@pytest.mark.parametrize("command", re.findall(r"^    fastcollide view (.+)$", PAGE, flags=re.MULTILINE))
+@pytest.mark.parametrize("command", re.findall(r"^fastcollide view (.+)$", PAGE, flags=re.MULTILINE))
 def test_the_commands_of_the_page_about_it(frames, command):
     words = command.replace("scenes/", f"{ROOT}/scenes/").replace("FOLDER", str(frames)).split()
     with viewing(*words, "--port", 0) as (program, _, _):
