@@ -38,7 +38,7 @@ __global__ void __launch_bounds__(graph_run_threads) run_stage(std::int64_t n, c
 // `lanes` threads of a warp share one sphere. 64 registers: more threads wait for memory at the same time.
 template <int lanes, class Pass>
 __global__ void __launch_bounds__(graph_run_threads, 8)
-    run_pass(std::int64_t count, const __grid_constant__ Pass pass) {
+    run_shared_pass(std::int64_t count, const __grid_constant__ Pass pass) {
   wait_for_stage_before();
   const std::int64_t row = std::int64_t(blockIdx.x) * blockDim.x + threadIdx.x, slot = row / lanes;
   const Lane lane{static_cast<int>(threadIdx.x % lanes), lanes};
@@ -200,7 +200,7 @@ class GraphRun {
 
   template <int lanes, class Pass>
   void start_pass(std::int64_t count, const Pass& pass) {
-    launch(run_pass<lanes, Pass>, blocks(count * lanes), graph_run_threads, count, pass);
+    launch(run_shared_pass<lanes, Pass>, blocks(count * lanes), graph_run_threads, count, pass);
   }
 
   template <class... Parameters, class... Arguments>
