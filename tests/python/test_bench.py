@@ -9,10 +9,10 @@ import fastcollide as fc
 import pytest
 from fastcollide import bench, cli
 from fastcollide.bench import Case, cases_of, new_world, run_bench, scene_edge
-from fastcollide.bench_settings import BenchSettings
+from fastcollide.bench_settings import METHODS, BenchSettings
 from fastcollide.roof import copy_bandwidth, model_bytes
 
-SMALL = BenchSettings(sizes=(40, 90), device=("cpu",), threads=1, repeats=2, frames=3)
+SMALL = BenchSettings(method=("cells", "list"), sizes=(40, 90), device=("cpu",), threads=1, repeats=2, frames=3)
 SMALL_WORDS = ["bench", "--sizes", "40,90", "--device", "cpu", "--threads", "1", "--repeats", "2", "--frames", "3"]
 BANDWIDTH = 1e9
 
@@ -29,9 +29,13 @@ def crowd(monkeypatch):
 
 
 def test_there_is_a_row_for_each_size_solver_and_method():
-    rows = run_bench(SMALL)
+    rows = run_bench(replace(SMALL, method=METHODS))
     found = [(row.spheres, row.solver, row.method) for row in rows]
-    ways = {"reference": ("cells", "list", "frame"), "substep": ("cells", "list", "frame"), "friction": ("cells", "list")}
+    ways = {
+        "reference": ("cells", "list", "frame"),
+        "substep": ("cells", "list", "frame"),
+        "friction": ("cells", "list"),
+    }
     assert found == [(n, solver, method) for n in (40, 90) for solver, methods in ways.items() for method in methods]
     for row in rows:
         assert row.repeats == 2
@@ -125,7 +129,7 @@ def test_progress_reaches_its_end(clock):
 
 @pytest.mark.usefixtures("crowd")
 def test_the_stages_are_known_and_those_of_the_method():
-    rows = run_bench(replace(SMALL, sizes=(90,)))
+    rows = run_bench(replace(SMALL, sizes=(90,), method=METHODS))
     for row in rows:
         assert set(row.stages) <= set(bench.STAGES)
         assert ("make_lists" in row.stages) == (row.method != "cells")
@@ -192,7 +196,7 @@ def test_a_case_without_memory_is_told_and_left_out(capfd, monkeypatch, tmp_path
     assert cli.main([*SMALL_WORDS, "--output", str(tmp_path)]) == 0
     assert "90 spheres, reference, cells, cpu: left out: found 1 GB; needs 2 GB" in capfd.readouterr().err
     rows = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))["rows"]
-    assert [row["times_yardstick"] is None for row in rows] == [False] * 6 + [True] * 5
+    assert [row["times_yardstick"] is None for row in rows] == [False] * 8 + [True] * 7
 
 
 # --- The program ---
@@ -207,7 +211,7 @@ def test_the_files_hold_what_was_measured(capfd, tmp_path):
     assert content["options"]["sizes"] == [40, 90]
     with (folder / "bench.csv").open(encoding="utf-8", newline="") as file:
         lines = list(csv.DictReader(file))
-    assert len(lines) == len(content["rows"]) == 12
+    assert len(lines) == len(content["rows"]) == 16
     for line, row in zip(lines, content["rows"], strict=True):
         assert line["note"] == "two words"
         assert line["state_hash"] == row["state_hash"]
