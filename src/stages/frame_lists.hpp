@@ -17,7 +17,7 @@ struct FrameControl {
   std::uint32_t void_lists;        // too short, in all frames
   std::uint32_t longest;           // that a pass wanted, where it found more than a list and strays have room for
   std::uint32_t stray_records[3];  // in turn: of the pass before, of this one, of the next
-  std::uint32_t most_stray_records, strays;
+  std::uint32_t most_stray_records;
   Watch watch;
 };
 
@@ -69,7 +69,6 @@ struct Strays {
     const CellRange xs = cells_within(position.x, range, coarse.x);
     const CellRange ys = cells_within(position.y, range, coarse.y);
     const CellRange zs = cells_within(position.z, range, coarse.z);
-    atomic_add(&control->strays, 1);
     const int cells = xs.count * ys.count * zs.count;
     for (int i = 0; i < cells; ++i) {
       const Vec3i cell{cell_in_range(xs, i % xs.count, coarse.x), cell_in_range(ys, i / xs.count % ys.count, coarse.y),

@@ -187,3 +187,13 @@ def test_any_number_of_threads_makes_the_same_lists(solver):
 def test_an_unknown_method_is_refused(device):
     with pytest.raises(fc.InvalidValue, match=r'method: found "tree".*"auto", "cells", "list" or "frame"'):
         fc.World(device=device, method="tree")
+
+
+@pytest.mark.parametrize("method", ["cells", "list", "frame"])
+def test_a_fault_in_the_first_frame_leaves_all_as_it_was(device, solver, method):
+    world = fc.World(device=device, solver=solver, method=method, boundary="open", gravity=(0, 0, 0), drag=0)
+    world.add(position=[[0, 0, 0], [13000, 0, 0]], radius=0.1, velocity=[[1, 0, 0], [1e6, 0, 0]])
+    before = world.state_hash()
+    with pytest.raises(fc.SimulationError, match="sphere 1 in frame 1: it is more than 131072 radii"):
+        world.step(3)
+    assert (world.frame, world.state_hash()) == (0, before)
