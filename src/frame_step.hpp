@@ -82,7 +82,6 @@ struct SmoothPass {
     Pass here = pass;
     here.grid.spins = nullptr;
     here.grid.frictions = nullptr;
-    here.output.to.spins = nullptr;
     if constexpr (requires { here.turn; }) here.turn = nullptr;
     if constexpr (has_walls) {
       here.grid.period = {0, 0, 0};

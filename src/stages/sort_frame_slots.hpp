@@ -33,7 +33,7 @@ struct ToNextFrame {
     fastcollide::assume_walls(counter.shape);
     fastcollide::assume_walls(advance.box);
   }
-  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
+  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3) const {
     if (must_advance && !is_last) {
       AdvanceSphere next = advance;
       next.frame = control->frame + 1;
@@ -41,7 +41,6 @@ struct ToNextFrame {
     }
     to.position_radius[slot] = {position.x, position.y, position.z, sphere.radius};
     to.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, sphere.restitution};
-    if (to.spins != nullptr) to.spins[slot] = spin;
     if (!is_last) counter.count(slot, position);
   }
   FC_HOST_DEVICE void write_crowding(std::int64_t slot, const Sphere&, float value) const { to.crowding[slot] = value; }
