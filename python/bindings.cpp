@@ -88,6 +88,7 @@ fastcollide::Method method_of(const std::string& name) {
   if (name == "cells") return fastcollide::Method::cells;
   if (name == "list") return fastcollide::Method::list;
   if (name == "frame") return fastcollide::Method::frame;
+  if (name == "levels") return fastcollide::Method::levels;
   throw fastcollide::InvalidValue("method", -1, '"' + name + '"', R"("auto", "cells", "list" or "frame")");
 }
 

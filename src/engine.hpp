@@ -13,6 +13,7 @@
 #include "fastcollide/world.hpp"
 #include "frame_runs.hpp"
 #include "grid_shape.hpp"
+#include "level_runs.hpp"
 #include "listed_frames.hpp"
 #include "stages/check_state.hpp"
 #include "stages/measure.hpp"
@@ -368,8 +369,25 @@ class EngineOn final : public Engine {
     has_friction_ = options_.solver == Solver::substep && bodies_.is_rough &&
                     (found.largest_friction > 0 || options_.wall_friction > 0.0f || options_.rolling_friction > 0.0f);
     scratch_.grid.period = period_of(box());
-    scratch_.grid.shape = choose_grid_shape(box(), largest_radius_, options_.cell_size, count(), opening_margin());
+    survey_radii(float_of(static_cast<std::uint32_t>(found.smallest_radius)));
+    levels_ = choose_levels(box(), radii_, count(), opening_margin());
+    scratch_.grid.levels =
+        are_sizes_far_apart() && options_.cell_size == 0.0f
+            ? levels_
+            : one_level(choose_grid_shape(box(), largest_radius_, options_.cell_size, count(), opening_margin()));
   }
+
+  void survey_radii(float smallest) {
+    radii_ = {largest_radius_, {count()}};
+    if (smallest > 0.25f * largest_radius_) return;
+    const OctaveCounts found = backend_.transform_reduce(
+        count(), OctaveOfRadius{std::as_const(bodies_.radii).data(), exponent_of(largest_radius_)}, OctaveCounts{},
+        OctaveCounts::Operation{});
+    for (int i = 0; i < octaves; ++i) radii_.octave_counts[i] = found.counts[i];
+  }
+
+  // Whether cells or lists made for the largest sphere would hold far too many of the others.
+  bool are_sizes_far_apart() const { return levels_.count > 1 && size_spread(radii_) > widest_spread; }
 
   void update_grid() {
     shape_grid();
@@ -396,6 +414,9 @@ class EngineOn final : public Engine {
   std::uint32_t words_of_memory() const { return options_.rolling_friction > 0.0f ? 2 : 1; }
 
   Watch try_frames(std::int64_t frames, FrameParameters parameters, bool may_have_changed) {
+    if (sorts_by_levels()) {
+      return level_runs_.run(parameters, frames, levels_, radii_, body_arrays(), count(), memory_, timer);
+    }
     if (makes_lists_for_each_frame()) {
       const std::optional<Watch> watch =
           frame_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), timer);
@@ -418,6 +439,10 @@ class EngineOn final : public Engine {
     backend_.copy_to_host(&watch, static_cast<const Watch*>(scratch_.watch.data()), 1);
     if (watch.first_fault != no_fault) restore_state();
     return watch;
+  }
+
+  bool sorts_by_levels() const {
+    return options_.method == Method::levels || (options_.method == Method::automatic && are_sizes_far_apart());
   }
 
   // That form has no friction and spin.
@@ -467,12 +492,15 @@ class EngineOn final : public Engine {
   Bodies<B> bodies_{backend_};
   Scratch<B> scratch_{backend_};
   FrameRuns<B> frame_runs_{backend_};
+  LevelRuns<B> level_runs_{backend_};
   ListedFrames<B> listed_{backend_};
   ContactMemory<B> memory_{backend_};
   // Before unchecked frames:
   typename B::template Buffer<Vec3> kept_positions_{backend_}, kept_velocities_{backend_}, kept_spins_{backend_};
   typename B::template Buffer<float> kept_crowding_{backend_};
   float largest_radius_ = 0;
+  RadiusSurvey radii_{};
+  CellLevels levels_{};
   std::int64_t frames_at_once_ = B::frames_between_checks;
   bool is_crowding_known_ = false;
   bool has_friction_ = false;  // of the default solver, where spheres turn: contacts remember

@@ -34,12 +34,9 @@ struct FrameWorld {
   FrameControl* control;
 
   GridView grid() const {
-    return {shape,
-            period_of(frame.substep.box),
+    return {period_of(frame.substep.box),
             count,
             constants.ids,
-            cell_start,
-            cell_end,
             state.position_radius,
             state.velocity_restitution,
             constants.masses,
