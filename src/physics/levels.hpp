@@ -48,32 +48,22 @@ FC_HOST_DEVICE inline float margin_of_pair(float radius, float other_radius, flo
   return smaller(margin, 0.5f * smaller(radius, other_radius));
 }
 
-// The cells of an axis that may hold what is within `reach` of x, and how far each is from x at least.
-struct CellsAround {
-  CellRange range;
-  float x, origin, edge, slack;
-  float first;    // cells from the origin to the first one, where the axis goes round before it does
-  bool is_whole;  // the axis goes round and all of it is within reach
-  bool has_ends;  // the first and the last cell hold all that lies beyond
-  int last;
-
-  FC_HOST_DEVICE CellsAround(float x_, float reach, const GridAxis& axis)
-      : range(cells_within(x_, reach, axis)), x(x_), origin(axis.origin), edge(1.0f / axis.inverse_edge) {
-    const float extent = static_cast<float>(axis.cells) * edge;
-    // Of cells_within(), and as much again for the roundings here.
-    const float rounding = 2e-6f * (fabsf(x - origin) + reach + extent);
-    has_ends = axis.boundary == Boundary::wall;
-    is_whole = !has_ends && range.count == axis.cells;
-    last = axis.cells - 1;
-    slack = 2.0f * rounding;
-    first = has_ends ? static_cast<float>(range.first) : floorf((x - (reach + rounding) - origin) * axis.inverse_edge);
-  }
-  FC_HOST_DEVICE float distance(int i) const {
-    if (is_whole) return 0.0f;
-    const float low = origin + (first + static_cast<float>(i)) * edge, high = low + edge;
-    const bool is_below = has_ends && range.first + i == 0, is_above = has_ends && range.first + i == last;
-    return larger(larger(is_below ? 0.0f : low - x, is_above ? 0.0f : x - high) - slack, 0.0f);
-  }
-};
+// How far cell i of those within reach of x is from x at least [m].
+FC_HOST_DEVICE inline float distance_of_cell(const CellRange& range, int i, float x, float reach,
+                                             const GridAxis& axis) {
+  const float edge = 1.0f / axis.inverse_edge;
+  // What cells_within() makes up for, and as much again for the roundings here.
+  const float rounding = 2e-6f * (fabsf(x - axis.origin) + reach + static_cast<float>(axis.cells) * edge);
+  const bool has_ends = axis.boundary == Boundary::wall;
+  if (!has_ends && range.count == axis.cells) return 0.0f;
+  // Where the axis goes round, cells are counted from the origin as if it did not.
+  const float first =
+      has_ends ? static_cast<float>(range.first) : floorf((x - (reach + rounding) - axis.origin) * axis.inverse_edge);
+  const float low = axis.origin + (first + static_cast<float>(i)) * edge, high = low + edge;
+  // The cells at the ends hold all that lies beyond.
+  const float below = has_ends && range.first + i == 0 ? 0.0f : low - x;
+  const float above = has_ends && range.first + i == axis.cells - 1 ? 0.0f : x - high;
+  return larger(larger(below, above) - 2.0f * rounding, 0.0f);
+}
 
 }  // namespace fastcollide

@@ -7,35 +7,41 @@
 namespace fastcollide {
 
 // Calls visit_run(begin, end) for runs of slots that hold, among others, all spheres of a level whose centres are
-// within `reach` of a place; rows of cells are shared among the lanes. A row of many is cut to what the ball covers: a
-// large sphere is full of cells of small ones.
+// within `reach` of a place; rows of cells are shared among the lanes. Where there are many, each is cut to what the
+// ball covers: a large sphere is full of cells of small ones.
 template <class VisitRun>
 FC_HOST_DEVICE inline void visit_ball(const CellLevel& level, const std::uint32_t* cell_start,
                                       const std::uint32_t* cell_end, Vec3 position, float reach, Lane lane,
                                       const VisitRun& visit_run) {
   constexpr int few_rows = 16;
   const GridShape& shape = level.shape;
-  const CellsAround ys(position.y, reach, shape.y), zs(position.z, reach, shape.z);
+  const CellRange ys = cells_within(position.y, reach, shape.y), zs = cells_within(position.z, reach, shape.z);
+  const bool are_many = ys.count * zs.count > few_rows;
   CellRange xs = cells_within(position.x, reach, shape.x);
-  const int rows = ys.range.count * zs.range.count;
-  for (int i = lane.index; i < rows; i += lane.count) {
-    const int z = i / ys.range.count, y = i - z * ys.range.count;
-    if (rows > few_rows) {
-      const float off_y = ys.distance(y), off_z = zs.distance(z);
+  int y = lane.index, z = 0;
+  for (;;) {
+    for (; y >= ys.count; y -= ys.count) ++z;
+    if (z >= zs.count) return;
+    bool is_outside = false;
+    if (are_many) {
+      const float off_y = distance_of_cell(ys, y, position.y, reach, shape.y);
+      const float off_z = distance_of_cell(zs, z, position.z, reach, shape.z);
       const float left = 1.00001f * (reach * reach) - (off_y * off_y + off_z * off_z);  // the rest is rounding
-      if (left <= 0.0f) continue;
-      xs = cells_within(position.x, square_root(left), shape.x);
+      is_outside = left <= 0.0f;
+      xs = cells_within(position.x, square_root(larger(left, 0.0f)), shape.x);
     }
-    const std::uint32_t row =
-        level.first_cell +
-        cell_hash({0, cell_in_range(ys.range, y, shape.y), cell_in_range(zs.range, z, shape.z)}, shape);
-    const int inside = xs.first + xs.count <= shape.x.cells ? xs.count : shape.x.cells - xs.first;
-    const auto run = [&](int first, int cells) {
-      visit_run(cell_start[row + static_cast<std::uint32_t>(first)],
-                cell_end[row + static_cast<std::uint32_t>(first + cells - 1)]);
-    };
-    run(xs.first, inside);
-    if (inside < xs.count) run(0, xs.count - inside);
+    if (!is_outside) {
+      const Vec3i first{0, cell_in_range(ys, y, shape.y), cell_in_range(zs, z, shape.z)};
+      const std::uint32_t row = level.first_cell + cell_hash(first, shape);
+      const int inside = xs.first + xs.count <= shape.x.cells ? xs.count : shape.x.cells - xs.first;
+      const auto visit_cells = [&](int begin, int cells) {
+        visit_run(cell_start[row + static_cast<std::uint32_t>(begin)],
+                  cell_end[row + static_cast<std::uint32_t>(begin + cells - 1)]);
+      };
+      visit_cells(xs.first, inside);
+      if (inside < xs.count) visit_cells(0, xs.count - inside);
+    }
+    y += lane.count;
   }
 }
 
@@ -49,13 +55,21 @@ struct LevelNeighbors {
     for (int k = 0; k < levels.count; ++k) {
       const CellLevel& level = levels.levels[k];
       const float range = radius + margin_of_pair(radius, level.largest_radius, levels.margin);
+      auto visit_other = [&](std::int64_t other) {
+        if (other != slot) visit(other);
+      };
       const auto visit_run = [&](std::uint32_t begin, std::uint32_t end) {
-        auto visit_other = [&](std::int64_t other) {
-          if (other != slot) visit(other);
-        };
-        visit_near(
-            grid.position_radius, grid.period, position, range, end - begin,
-            [begin](std::uint32_t i) { return begin + i; }, visit_other);
+        if (end - begin <= 4) {
+          for (std::uint32_t other = begin; other < end; ++other) {
+            const Vec4 there = grid.position_radius[other];
+            const Vec3 offset = separation(position, {there.x, there.y, there.z}, grid.period);
+            const float most = (range + there.w) * 1.00001f;
+            if (dot(offset, offset) <= most * most) visit_other(other);
+          }
+          return;
+        }
+        const auto slot_at = [begin](std::uint32_t i) { return begin + i; };
+        visit_near(grid.position_radius, grid.period, position, range, end - begin, slot_at, visit_other);
       };
       visit_ball(level, cell_start, cell_end, position, range + level.largest_radius, lane, visit_run);
     }
