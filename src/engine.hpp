@@ -380,10 +380,15 @@ class EngineOn final : public Engine {
   void survey_radii(float smallest) {
     radii_ = {largest_radius_, {count()}};
     if (smallest > 0.25f * largest_radius_) return;
-    const OctaveCounts found = backend_.transform_reduce(
-        count(), OctaveOfRadius{std::as_const(bodies_.radii).data(), exponent_of(largest_radius_)}, OctaveCounts{},
-        OctaveCounts::Operation{});
-    for (int i = 0; i < octaves; ++i) radii_.octave_counts[i] = found.counts[i];
+    SmallerThanLimits is_smaller{std::as_const(bodies_.radii).data(), {}};
+    const int exponent = std::ilogb(largest_radius_);
+    for (int k = 0; k < octaves - 1; ++k) is_smaller.limits[k] = std::ldexp(1.0f, exponent - k);
+    const SmallerCounts found =
+        backend_.transform_reduce(count(), is_smaller, SmallerCounts{}, SmallerCounts::Operation{});
+    for (int k = 0; k < octaves - 1; ++k) {
+      radii_.octave_counts[k] -= found.counts[k];
+      radii_.octave_counts[k + 1] = found.counts[k];
+    }
   }
 
   // Whether cells or lists made for the largest sphere would hold far too many of the others.

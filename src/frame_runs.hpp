@@ -134,6 +134,11 @@ class FrameRuns {
     control_.resize(1);
     list_counts_.resize(count);
     resize_lists(count);
+    if (lane_bits_ == 0) {
+      chunks_ = std::max(chunks_, count / 16);
+      chunk_of_slot_.resize(count);
+      chunk_entries_.resize(chunks_ * FrameLists::chunk_places);
+    }
     const GridShape& coarse = world.strays.coarse;
     stray_places_ = std::max<std::uint32_t>(stray_places_, static_cast<std::uint32_t>(1024 + count / 8));
     for (int i = 0; i < 2; ++i) {
@@ -164,7 +169,9 @@ class FrameRuns {
     const std::uint32_t needed = (control.longest + (1u << lane_bits_) - 1) >> lane_bits_;
     std::uint32_t rows = std::max(rows_, needed);
     const std::int64_t void_lists = control.void_lists / frames;
-    const bool may_wish = may_grow_ && 4 * list_places(count_) < most_wished_bytes;
+    const bool had_chunks = control.most_chunks <= chunks_;
+    if (!had_chunks) chunks_ = control.most_chunks + control.most_chunks / 2;
+    const bool may_wish = had_chunks && may_grow_ && 4 * list_places(count_) < most_wished_bytes;
     if (may_wish && void_lists > count_ / 16384) rows = std::max(rows, rows_ + rows_ / 2 + 1);
     stray_places_ = std::max(stray_places_, control.most_stray_records + control.most_stray_records / 2);
     if (rows == rows_) return;
@@ -206,7 +213,14 @@ class FrameRuns {
     world.cell_counts = cell_counts_.data();
     world.cell_start = cell_start_.data();
     world.cell_end = cell_end_.data();
-    world.lists = {list_entries_.data(), list_counts_.data(), rows_, lane_bits_, B::list_width == 1 ? 0u : 5u};
+    world.lists = {list_entries_.data(),
+                   list_counts_.data(),
+                   rows_,
+                   lane_bits_,
+                   B::list_width == 1 ? 0u : 5u,
+                   chunk_of_slot_.data(),
+                   chunk_entries_.data(),
+                   lane_bits_ == 0 ? static_cast<std::uint32_t>(chunks_) : 0};
     world.strays.places = stray_places_;
     world.strays.control = control_.data();
     world.other_strays = world.strays;
@@ -230,6 +244,7 @@ class FrameRuns {
   std::int64_t crowded_count_ = -1;  // of the spheres that lists could not keep
   std::uint32_t lane_bits_ = 0, stray_places_ = 0;
   std::uint32_t rows_ = 0, needed_rows_ = 0;  // of the lists; without which frames cannot be run
+  std::int64_t chunks_ = 0;                   // for lists that are too long for their rows
   bool may_grow_ = true;
   typename B::template Buffer<FrameControl> control_{backend_};
   StateBuffers state_{backend_}, other_state_{backend_};
@@ -237,7 +252,8 @@ class FrameRuns {
   typename B::template Buffer<Vec4> built_{backend_};
   typename B::template Buffer<Vec3> velocity_change_{backend_};
   typename B::template Buffer<std::uint32_t> cell_of_slot_{backend_}, rank_of_slot_{backend_}, cell_counts_{backend_},
-      cell_start_{backend_}, cell_end_{backend_}, pick_{backend_}, list_entries_{backend_}, list_counts_{backend_};
+      cell_start_{backend_}, cell_end_{backend_}, pick_{backend_}, list_entries_{backend_}, list_counts_{backend_},
+      chunk_of_slot_{backend_}, chunk_entries_{backend_};
   typename B::template Buffer<std::uint64_t> stray_heads_[2]{typename B::template Buffer<std::uint64_t>(backend_),
                                                              typename B::template Buffer<std::uint64_t>(backend_)};
   typename B::template Buffer<StrayRecord> stray_records_[2]{typename B::template Buffer<StrayRecord>(backend_),

@@ -39,7 +39,7 @@ struct RadiusSurvey {
 double size_spread(const RadiusSurvey& radii);
 
 // Beyond this, grids in levels.
-inline constexpr double widest_spread = 8;
+inline constexpr double widest_spread = 150;
 
 // Cells for all spheres.
 CellLevels one_level(const GridShape& shape);

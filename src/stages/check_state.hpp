@@ -52,25 +52,26 @@ struct CheckBody {
   }
 };
 
-struct OctaveCounts {
-  std::uint32_t counts[octaves] = {};
+// How many spheres are smaller than each limit.
+struct SmallerCounts {
+  std::uint32_t counts[octaves - 1] = {};
   struct Operation {
-    FC_HOST_DEVICE OctaveCounts operator()(OctaveCounts a, const OctaveCounts& b) const {
-      for (int i = 0; i < octaves; ++i) a.counts[i] += b.counts[i];
+    FC_HOST_DEVICE SmallerCounts operator()(SmallerCounts a, const SmallerCounts& b) const {
+      for (int i = 0; i < octaves - 1; ++i) a.counts[i] += b.counts[i];
       return a;
     }
   };
 };
 
-struct OctaveOfRadius {
+// Limits from octave to octave. (To compare the number of the octave with each would be simpler, but nvcc 13.0 then
+// counts every sphere in the last one.)
+struct SmallerThanLimits {
   const float* radii;
-  int largest_exponent;
+  float limits[octaves - 1];
 
-  FC_HOST_DEVICE OctaveCounts operator()(std::int64_t i) const {
-    OctaveCounts found;
-    // Written out, as an index that is not known when this is compiled would move the counts out of the registers.
-    const int octave = octave_of(radii[i], largest_exponent);
-    for (int k = 0; k < octaves; ++k) found.counts[k] = k == octave ? 1 : 0;
+  FC_HOST_DEVICE SmallerCounts operator()(std::int64_t i) const {
+    SmallerCounts found;
+    for (int k = 0; k < octaves - 1; ++k) found.counts[k] = radii[i] < limits[k] ? 1 : 0;
     return found;
   }
 };

@@ -85,7 +85,7 @@ struct ScatterFrameSlots {
     list_counts[place] = 0;
     if (slot > 0) return;
     ++control->frame;
-    control->next_slot = 0;
+    control->next_slot = control->next_chunk = 0;
     control->stray_records[0] = control->stray_records[1] = control->stray_records[2] = 0;
   }
 };

@@ -10,8 +10,11 @@ from determinism import golden
 NAMES = [name for name in golden.SCENES if "20,000" not in name]
 
 
+METHODS = ("cells", "list", "frame", "levels")
+
+
 def all_methods(device, solver, spheres, **options):
-    worlds = [fc.World(device=device, solver=solver, method=method, **options) for method in ("cells", "list", "frame")]
+    worlds = [fc.World(device=device, solver=solver, method=method, **options) for method in METHODS]
     for world in worlds:
         world.add(spheres)
     return worlds
@@ -78,7 +81,7 @@ def test_more_rough_contacts_than_a_row_holds(device):
     angle = np.arange(12) * np.pi / 6
     ring = np.stack([0.2 * np.cos(angle), 0.2 * np.sin(angle), np.full(12, -0.15)], axis=-1)
     cups = np.stack(np.meshgrid(range(8), range(8), [0.5]), axis=-1).reshape(-1, 3)
-    worlds = [fc.World(((-1, -1, 0), (8, 8, 2)), device=device, method=method) for method in ("cells", "list")]
+    worlds = [fc.World(((-1, -1, 0), (8, 8, 2)), device=device, method=method) for method in METHODS]
     for world in worlds:
         world.add(position=(cups[:, None] + ring).reshape(-1, 3), radius=0.05, mass=np.inf, friction=0.5)
         world.add(position=cups, radius=0.205, spin=(0.1, 0.2, 0), friction=0.5)
@@ -163,9 +166,46 @@ def test_spheres_of_very_different_sizes(device, solver, ratio):
     assert_equal_steps(worlds, (1, 10, 20), 1 / 240)
 
 
+def test_lists_that_are_too_long_for_their_rows(device, solver):
+    """Between 96 and 192 neighbours, and strays among them, with the lists of method "frame"."""
+    bounds = ((0, 0, 0), (3, 3, 3))
+    spheres = fc.random_spheres(9000, bounds, seed=11, radius=(0.03, 0.05), speed=(2, 2, 2))
+    worlds = all_methods(device, solver, spheres, bounds=bounds)
+    for world in worlds:
+        world.add(position=[(0.4, 0.4, 0.4), (1.5, 1.5, 1.2), (2.5, 0.6, 2.0)], radius=0.14)
+    assert_equal_steps(worlds, (1, 10, 20), 1 / 60)
+
+
+def mixed_spheres(n, ratio, largest_radius, seed=1, fill=0.15):
+    """Equal volume in each octave of sizes, in a box that they fill to a part."""
+    random = np.random.default_rng(seed)
+    radius = largest_radius / ratio * (1 - random.random(n) * (1 - ratio**-3.0)) ** (-1 / 3)
+    edge = max((4 / 3 * np.pi * (radius**3).sum() / fill) ** (1 / 3), 4 * largest_radius)
+    position = radius[:, None] + random.random((n, 3)) * (edge - 2 * radius[:, None])
+    velocity = random.normal(0, 1, (n, 3)).astype(np.float32)
+    mass = 1000 * 4 / 3 * np.pi * radius**3
+    arrays = (position, velocity, radius, mass, np.full(n, 0.8))
+    return fc.Spheres(*(array.astype(np.float32) for array in arrays)), edge
+
+
+@pytest.mark.parametrize("boundary", ["wall", "periodic", "open", ("periodic", "open", "wall")])
+@pytest.mark.parametrize("ratio", [16, 100])
+def test_levels_of_sizes(device, solver, ratio, boundary):
+    """Small spheres in a few of many cells, so that cells far apart share a number; large ones full of small cells."""
+    spheres, edge = mixed_spheres(4000, ratio, 0.4)
+    bounds = ((-edge, -edge, -edge), (3 * edge, 3 * edge, 3 * edge))
+    worlds = all_methods(device, solver, spheres, bounds=bounds, boundary=boundary)
+    # One grid for all sizes, whatever the levels of the others.
+    worlds.append(fc.World(bounds, boundary, device=device, solver=solver, method="cells", cell_size=1.0))
+    worlds[-1].add(spheres)
+    assert_equal_steps(worlds, (1, 3), 1 / 600)
+    assert len({world.contact_count() for world in worlds}) == 1
+    assert worlds[0].contact_count() > 100
+
+
 def test_more_neighbors_than_lists_can_hold(device, solver):
     """Then every pass has a grid of its own again, and nothing is lost."""
-    worlds = [fc.World(device=device, solver=solver, method=method) for method in ("cells", "list", "frame")]
+    worlds = [fc.World(device=device, solver=solver, method=method) for method in METHODS]
     centre = np.broadcast_to(np.float32((0, 0, 5)), (5000, 3))
     for world in worlds:
         world.add(position=centre, radius=0.125, mass=np.inf)
@@ -185,11 +225,11 @@ def test_any_number_of_threads_makes_the_same_lists(solver):
 
 
 def test_an_unknown_method_is_refused(device):
-    with pytest.raises(fc.InvalidValue, match=r'method: found "tree".*"auto", "cells", "list" or "frame"'):
+    with pytest.raises(fc.InvalidValue, match=r'method: found "tree".*"auto", "cells", "list", "frame" or "levels"'):
         fc.World(device=device, method="tree")
 
 
-@pytest.mark.parametrize("method", ["cells", "list", "frame"])
+@pytest.mark.parametrize("method", METHODS)
 def test_a_fault_in_the_first_frame_leaves_all_as_it_was(device, solver, method):
     world = fc.World(device=device, solver=solver, method=method, boundary="open", gravity=(0, 0, 0), drag=0)
     world.add(position=[[0, 0, 0], [13000, 0, 0]], radius=0.1, velocity=[[1, 0, 0], [1e6, 0, 0]])
