@@ -389,7 +389,7 @@ class EngineOn final : public Engine {
     if (has_friction_ || memory_.is_kept()) memory_.resize(count(), words_of_memory());
     Watch watch = try_frames(frames, parameters, may_have_changed);
     while (!memory_.had_room(watch)) watch = try_frames(frames, parameters, true);
-    if (watch.first_fault == no_fault) memory_.end_run(static_cast<std::uint32_t>(frames * options_.iterations));
+    if (watch.first_fault == no_fault) memory_.end_run(frames * options_.iterations);
     return watch;
   }
 
@@ -398,7 +398,7 @@ class EngineOn final : public Engine {
   Watch try_frames(std::int64_t frames, FrameParameters parameters, bool may_have_changed) {
     if (makes_lists_for_each_frame()) {
       const std::optional<Watch> watch =
-          frame_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), timer);
+          frame_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), memory_, timer);
       if (watch) return *watch;
       may_have_changed = true;  // by frames of that form
     }
@@ -410,7 +410,7 @@ class EngineOn final : public Engine {
     keep_state();
     Watch watch;
     backend_.copy_to_device(scratch_.watch.data(), &watch, 1);
-    const MemoryCopies memory = memory_.start_run(scratch_.watch.data());
+    const MemoryCopies memory = memory_.start_run(scratch_.watch.data(), frames * options_.iterations);
     for (std::int64_t i = 0; i < frames; ++i) {
       parameters.substep.frame = static_cast<std::uint32_t>(i);
       simulate_frame(backend_, parameters, bodies_, memory, scratch_, timer);
@@ -420,11 +420,8 @@ class EngineOn final : public Engine {
     return watch;
   }
 
-  // That form has no friction and spin.
   bool makes_lists_for_each_frame() const {
-    const bool is_wanted =
-        options_.method == Method::frame || (options_.method == Method::automatic && B::has_whole_grid);
-    return is_wanted && !bodies_.is_rough;
+    return options_.method == Method::frame || (options_.method == Method::automatic && B::has_whole_grid);
   }
 
   BodyArrays body_arrays() {

@@ -83,6 +83,7 @@ struct MemoryPass {
   std::uint64_t* wanted;  // most chained entries that a pass had
 
   FC_HOST_DEVICE bool is_kept() const { return from.rows != nullptr; }
+  MemoryPass next() const { return {to, cleared, to, wanted}; }
   FC_HOST_DEVICE static bool is_owner(const Sphere& self, const Sphere& other) {
     return is_fixed(other.mass) || self.radius < other.radius || (self.radius == other.radius && self.id < other.id);
   }
