@@ -89,7 +89,7 @@ class ContactMemory {
 
   // Into a world of as many spheres, which remembers nothing so far.
   void restore(const ContactState& state, std::int64_t count, std::uint32_t width) {
-    std::vector<MemoryRow> rows(static_cast<std::size_t>(count), MemoryRow{0, 0});
+    std::vector<MemoryRow> rows(static_cast<std::size_t>(count), MemoryRow{});
     std::vector<MemoryWord> entries(rows.size() * places_in_row * width, MemoryWord{{0, 0, 0}, 0}), chained;
     std::vector<std::uint32_t> chained_before;
     for (std::size_t i = 0; i < state.owner.size(); ++i) {
@@ -97,6 +97,7 @@ class ContactMemory {
       MemoryWord entry[2] = {{vector_at(state.slide, i), state.partner[i]}, {{0, 0, 0}, state.partner[i]}};
       if (width > 1) entry[1].vector = vector_at(state.roll, i);
       if (row.count < places_in_row) {
+        row.partners[row.count] = state.partner[i];
         std::copy_n(entry, width, &entries[(std::size_t(state.owner[i]) * places_in_row + row.count) * width]);
       } else {
         chained.insert(chained.end(), entry, entry + width);
