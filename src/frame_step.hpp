@@ -77,6 +77,7 @@ struct FrameWorld {
 // out all that belongs to it.
 template <class Pass, bool is_rough, bool has_walls>
 struct FramePass {
+  static constexpr bool has_friction = is_rough;
   Pass pass;
   const FrameControl* control;
 
@@ -164,11 +165,12 @@ void run_pass(Run& run, FrameWorld& world, std::uint32_t pass, const Output& out
                                                                    world.neighbors(pass), output, &watch->first_fault},
                                                                   world.control}});
   } else {
-    using Gather = GatherContacts<FrameListNeighbors, Output>;
+    // Of its output it writes the crowding alone, which is the same in every pass.
+    using Gather = GatherContacts<FrameListNeighbors, ToFrameSlots>;
     run.for_each_sphere(Stage::gather_contacts, world.count,
                         SharedFramePass<Gather, is_rough, has_walls>{
-                            {{step, world.grid(), world.neighbors(pass), output, world.velocity_change, world.turn,
-                              world.pick, &watch->first_fault, world.memory},
+                            {{step, world.grid(), world.neighbors(pass), world.to_slots(pass), world.velocity_change,
+                              world.turn, world.pick, &watch->first_fault, world.memory},
                              world.control}});
     run.for_each(
         Stage::apply_contacts, world.count,

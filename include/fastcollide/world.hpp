@@ -24,7 +24,7 @@ enum class Field : std::uint8_t;
 enum class Solver { substep, reference };
 
 // How neighbours are found; no result depends on it. cells: a grid for every pass; list: lists that are mended and hold
-// for many; frame: lists made for each frame, in worlds without friction and spin (list in others).
+// for many; frame: lists made for each frame.
 enum class Method { automatic, cells, list, frame };
 
 struct WorldOptions {
