@@ -32,7 +32,7 @@ class LevelRuns {
     set_pointers(world);
     LevelControl control{};
     backend_.copy_to_device(control_.data(), &control, 1);
-    world.memory = memory.start_run(&control_.data()->watch);
+    world.memory = memory.start_run(&control_.data()->watch, frames * frame.iterations);
     HostRun<B> run(backend_, timer);
     simulate_frames_by_levels(run, world, static_cast<std::uint32_t>(frames));
     // Which of the two copies holds what.
@@ -57,7 +57,7 @@ class LevelRuns {
         rows += across * across;
       }
       const int fewest_lanes = B::has_whole_grid && world.count <= 65536 ? 8 : 1;
-      const int lanes = rows > 512 ? 128 : rows > 128 ? 32 : fewest_lanes;
+      const int lanes = rows > 2048 ? 512 : rows > 512 ? 128 : rows > 128 ? 32 : fewest_lanes;
       LevelGroup* last = world.group_count > 0 ? &world.groups[world.group_count - 1] : nullptr;
       if (last != nullptr && last->lanes == lanes) {
         last->count += members;
@@ -104,8 +104,8 @@ class LevelRuns {
   }
 
   B& backend_;
-  StateBuffers<B> state_{backend_}, other_state_{backend_};
-  ConstantBuffers<B> constants_{backend_}, other_constants_{backend_};
+  SlotStateBuffers<B> state_{backend_}, other_state_{backend_};
+  SlotConstantBuffers<B> constants_{backend_}, other_constants_{backend_};
   typename B::template Buffer<std::uint32_t> cell_of_slot_{backend_}, rank_of_slot_{backend_}, cell_counts_{backend_},
       cell_start_{backend_}, pick_{backend_};
   typename B::template Buffer<Vec3> velocity_change_{backend_}, turn_{backend_};

@@ -47,7 +47,7 @@ class ListedFrames {
     resize(world, bodies.spins != nullptr, frame.solver == Solver::substep);
     control_.watch = {};
     control_.frame = control_.pass = 0;
-    world.memory = memory.start_run(&device_control_.data()->watch);
+    world.memory = memory.start_run(&device_control_.data()->watch, frames * frame.iterations);
 
     for (;;) {
       run_once(world, timer);
@@ -172,8 +172,8 @@ class ListedFrames {
   std::uint32_t lanes_ = 0, capacity_ = 0, queue_places_ = 0;
   ListControl control_{};  // as the device left it
   typename B::template Buffer<ListControl> device_control_{backend_};
-  StateBuffers<B> state_{backend_}, other_state_{backend_};
-  ConstantBuffers<B> constants_{backend_}, other_constants_{backend_};
+  SlotStateBuffers<B> state_{backend_}, other_state_{backend_};
+  SlotConstantBuffers<B> constants_{backend_}, other_constants_{backend_};
   typename B::template Buffer<Vec4> built_{backend_};
   typename B::template Buffer<ListCount> list_counts_{backend_};
   typename B::template Buffer<Vec3> velocity_change_{backend_}, turn_{backend_};

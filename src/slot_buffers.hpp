@@ -1,4 +1,4 @@
-// The memory of slots: see SlotState and SlotConstants.
+// The memory of the slots that forms with lists keep.
 #pragma once
 
 #include "data.hpp"
@@ -6,9 +6,10 @@
 namespace fastcollide {
 
 template <Backend B>
-struct StateBuffers {
-  explicit StateBuffers(B& backend)
+struct SlotStateBuffers {
+  explicit SlotStateBuffers(B& backend)
       : position_radius(backend), velocity_restitution(backend), crowding(backend), spins(backend) {}
+
   void resize(std::int64_t count, bool has_crowding, bool is_rough) {
     position_radius.resize(count);
     velocity_restitution.resize(count);
@@ -26,8 +27,9 @@ struct StateBuffers {
 };
 
 template <Backend B>
-struct ConstantBuffers {
-  explicit ConstantBuffers(B& backend) : ids(backend), masses(backend), frictions(backend) {}
+struct SlotConstantBuffers {
+  explicit SlotConstantBuffers(B& backend) : ids(backend), masses(backend), frictions(backend) {}
+
   void resize(std::int64_t count, bool is_rough) {
     ids.resize(count);
     masses.resize(count);

@@ -134,10 +134,12 @@ class CudaBackend {
   void for_each_shared(std::int64_t first, std::int64_t count, int lanes, const Pass& pass) {
     if (count == 0) return;
     const OnDevice on(device_);
-    constexpr int threads = 128;
+    const int threads = lanes > 128 ? lanes : 128;
     const auto blocks = static_cast<unsigned>((count * lanes + threads - 1) / threads);
     const auto start = [&](auto kernel) { kernel<<<blocks, threads, 0, stream_.get()>>>(first, count, pass); };
-    if (lanes == 128) {
+    if (lanes == 512) {
+      start(run_for_each_shared<512, Pass>);
+    } else if (lanes == 128) {
       start(run_for_each_shared<128, Pass>);
     } else if (lanes == 32) {
       start(run_for_each_shared<32, Pass>);

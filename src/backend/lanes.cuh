@@ -43,7 +43,8 @@ __device__ inline void combine_block(Sum& sum) {
 
 // `lanes` threads share one sphere: some of a warp, or a block.
 template <int lanes, class Pass>
-__global__ void __launch_bounds__(128) run_for_each_shared(std::int64_t first, std::int64_t count, Pass pass) {
+__global__ void __launch_bounds__(lanes > 128 ? lanes : 128)
+    run_for_each_shared(std::int64_t first, std::int64_t count, Pass pass) {
   const std::int64_t row = std::int64_t(blockIdx.x) * blockDim.x + threadIdx.x, slot = first + row / lanes;
   const Lane lane{static_cast<int>(threadIdx.x % lanes), lanes};
   typename Pass::Sum sum;

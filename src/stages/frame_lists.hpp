@@ -347,9 +347,10 @@ struct ToFrameSlots {
     period = {0, 0, 0};
     fastcollide::assume_walls(strays.coarse);
   }
-  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3) const {
+  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
     to.position_radius[slot] = {position.x, position.y, position.z, sphere.radius};
     to.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, sphere.restitution};
+    if (to.spins != nullptr) to.spins[slot] = spin;
     if (is_out_of_skin(sorted.balls[slot], sphere.radius, position, period)) {
       strays.add(static_cast<std::uint32_t>(slot), position,
                  sphere.radius + sorted.law.reach + sorted.law.largest_radius);

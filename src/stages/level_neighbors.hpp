@@ -6,72 +6,103 @@
 
 namespace fastcollide {
 
-// Calls visit_run(begin, end) for runs of slots that hold, among others, all spheres of a level whose centres are
-// within `reach` of a place; rows of cells are shared among the lanes. Where there are many, each is cut to what the
-// ball covers: a large sphere is full of cells of small ones.
-template <class VisitRun>
-FC_HOST_DEVICE inline void visit_ball(const CellLevel& level, const std::uint32_t* cell_start,
-                                      const std::uint32_t* cell_end, Vec3 position, float reach, Lane lane,
-                                      const VisitRun& visit_run) {
-  constexpr int few_rows = 16;
-  const GridShape& shape = level.shape;
-  const CellRange ys = cells_within(position.y, reach, shape.y), zs = cells_within(position.z, reach, shape.z);
-  const bool are_many = ys.count * zs.count > few_rows;
-  CellRange xs = cells_within(position.x, reach, shape.x);
-  int y = lane.index, z = 0;
-  for (;;) {
-    for (; y >= ys.count; y -= ys.count) ++z;
-    if (z >= zs.count) return;
-    bool is_outside = false;
-    if (are_many) {
-      const float off_y = distance_of_cell(ys, y, position.y, reach, shape.y);
-      const float off_z = distance_of_cell(zs, z, position.z, reach, shape.z);
-      const float left = 1.00001f * (reach * reach) - (off_y * off_y + off_z * off_z);  // the rest is rounding
-      is_outside = left <= 0.0f;
-      xs = cells_within(position.x, square_root(larger(left, 0.0f)), shape.x);
-    }
-    if (!is_outside) {
-      const Vec3i first{0, cell_in_range(ys, y, shape.y), cell_in_range(zs, z, shape.z)};
-      const std::uint32_t row = level.first_cell + cell_hash(first, shape);
-      const int inside = xs.first + xs.count <= shape.x.cells ? xs.count : shape.x.cells - xs.first;
-      const auto visit_cells = [&](int begin, int cells) {
-        visit_run(cell_start[row + static_cast<std::uint32_t>(begin)],
-                  cell_end[row + static_cast<std::uint32_t>(begin + cells - 1)]);
-      };
-      visit_cells(xs.first, inside);
-      if (inside < xs.count) visit_cells(0, xs.count - inside);
-    }
-    y += lane.count;
+// The slots that hold, among others, all spheres of a level whose centres are within `reach` of a place, one after the
+// other; rows of cells are shared among the lanes. Where there are many rows, each is cut to what the ball covers: a
+// large sphere is full of cells of small ones.
+class BallSearch {
+ public:
+  FC_HOST_DEVICE void start(const CellLevel& level, Vec3 position, float reach, Lane lane) {
+    const GridShape& shape = level.shape;
+    xs_ = cells_within(position.x, reach, shape.x);
+    ys_ = cells_within(position.y, reach, shape.y);
+    zs_ = cells_within(position.z, reach, shape.z);
+    reach_ = reach;
+    y_ = lane.index;
+    z_ = rest_ = 0;
   }
-}
+
+  // The next run of slots; false where there is none.
+  FC_HOST_DEVICE bool next_run(const CellLevel& level, const std::uint32_t* cell_start, const std::uint32_t* cell_end,
+                               Vec3 position, Lane lane, std::uint32_t& begin, std::uint32_t& end) {
+    const GridShape& shape = level.shape;
+    if (rest_ > 0) {  // the row has gone round
+      begin = cell_start[row_];
+      end = cell_end[row_ + static_cast<std::uint32_t>(rest_ - 1)];
+      rest_ = 0;
+      return true;
+    }
+    for (;; y_ += lane.count) {
+      for (; y_ >= ys_.count; y_ -= ys_.count) ++z_;
+      if (z_ >= zs_.count) return false;
+      if (ys_.count * zs_.count <= few_rows || cut_row(shape, position)) break;
+    }
+    const Vec3i first{0, cell_in_range(ys_, y_, shape.y), cell_in_range(zs_, z_, shape.z)};
+    row_ = level.first_cell + cell_hash(first, shape);
+    const int inside = xs_.first + xs_.count <= shape.x.cells ? xs_.count : shape.x.cells - xs_.first;
+    begin = cell_start[row_ + static_cast<std::uint32_t>(xs_.first)];
+    end = cell_end[row_ + static_cast<std::uint32_t>(xs_.first + inside - 1)];
+    rest_ = xs_.count - inside;
+    y_ += lane.count;
+    return true;
+  }
+
+ private:
+  static constexpr int few_rows = 16;
+
+  // False where the row lies outside the ball.
+  FC_HOST_DEVICE bool cut_row(const GridShape& shape, Vec3 position) {
+    const float off_y = distance_of_cell(ys_, y_, position.y, reach_, shape.y);
+    const float off_z = distance_of_cell(zs_, z_, position.z, reach_, shape.z);
+    const float left = 1.00001f * (reach_ * reach_) - (off_y * off_y + off_z * off_z);  // the rest is rounding
+    if (left <= 0.0f) return false;
+    xs_ = cells_within(position.x, square_root(left), shape.x);
+    return true;
+  }
+
+  CellRange xs_, ys_, zs_;
+  float reach_;
+  int y_, z_;          // the next row
+  std::uint32_t row_;  // the first cell of the last one
+  int rest_;           // cells of it that have not been looked at
+};
 
 struct LevelNeighbors {
   CellLevels levels;
   const std::uint32_t *cell_start, *cell_end;
 
+  // Near ones are kept until there are many, or no more: finding them takes each lane of a GPU another way, visiting
+  // them does not.
   template <class Visit>
   FC_HOST_DEVICE void visit(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane, Visit& visit) const {
+    constexpr int most = 24;
+    std::uint32_t near[most];
     const float radius = grid.position_radius[slot].w;
-    for (int k = 0; k < levels.count; ++k) {
-      const CellLevel& level = levels.levels[k];
-      const float range = radius + margin_of_pair(radius, level.largest_radius, levels.margin);
-      auto visit_other = [&](std::int64_t other) {
-        if (other != slot) visit(other);
-      };
-      const auto visit_run = [&](std::uint32_t begin, std::uint32_t end) {
-        if (end - begin <= 4) {
-          for (std::uint32_t other = begin; other < end; ++other) {
-            const Vec4 there = grid.position_radius[other];
-            const Vec3 offset = separation(position, {there.x, there.y, there.z}, grid.period);
-            const float most = (range + there.w) * 1.00001f;
-            if (dot(offset, offset) <= most * most) visit_other(other);
-          }
-          return;
+    BallSearch search;
+    float range = 0.0f;
+    std::uint32_t other = 0, end = 0;
+    int k = -1;
+    bool is_level_done = true;
+    for (bool is_done = false; !is_done;) {
+      int found = 0;
+      while (found < most) {
+        if (other < end) {
+          const Vec4 there = grid.position_radius[other];
+          const Vec3 offset = separation(position, {there.x, there.y, there.z}, grid.period);
+          const float reach = (range + there.w) * 1.00001f;
+          if (dot(offset, offset) <= reach * reach && other != slot) near[found++] = other;
+          ++other;
+        } else if (is_level_done) {
+          is_done = ++k == levels.count;
+          if (is_done) break;
+          const CellLevel& level = levels.levels[k];
+          range = radius + margin_of_pair(radius, level.largest_radius, levels.margin);
+          search.start(level, position, range + level.largest_radius, lane);
+          is_level_done = false;
+        } else {
+          is_level_done = !search.next_run(levels.levels[k], cell_start, cell_end, position, lane, other, end);
         }
-        const auto slot_at = [begin](std::uint32_t i) { return begin + i; };
-        visit_near(grid.position_radius, grid.period, position, range, end - begin, slot_at, visit_other);
-      };
-      visit_ball(level, cell_start, cell_end, position, range + level.largest_radius, lane, visit_run);
+      }
+      for (int i = 0; i < found; ++i) visit(near[i]);
     }
   }
 };
