@@ -43,7 +43,8 @@ def test_the_table_of_sizes_has_a_row_for_each_ratio_and_a_column_for_each_way(d
         "A Card,20000,32.0,substep,levels,1.25\n"
     )
     assert draw_performance.tables_of_sizes(tmp_path) == (
-        "\nA Card (`benchmarks/results/machine`):\n\n| sizes | 20,000 by levels | 20,000 by list |\n| --- | --- | --- |\n"
+        "\nA Card (`benchmarks/results/machine`):\n\n"
+        "| sizes | 20,000 by levels | 20,000 by list |\n| --- | --- | --- |\n"
         "| 1:1 | 0.5 | 0.25 |\n| 1:32 | 1.25 | – |\n\n"
     )
 
