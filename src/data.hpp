@@ -129,6 +129,12 @@ struct SlotConstants {
   float* frictions;  // or null
 };
 
+FC_HOST_DEVICE inline GridView view_of(const SlotState& state, const SlotConstants& constants, std::int64_t count,
+                                       Vec3 period) {
+  return {period,           count,          constants.ids, state.position_radius, state.velocity_restitution,
+          constants.masses, state.crowding, state.spins,   constants.frictions};
+}
+
 // Entries of one lane of one sphere: those that are there for all to see, and with those being added right now.
 struct alignas(8) ListCount {
   std::uint32_t published, pending;

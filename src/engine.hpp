@@ -518,7 +518,7 @@ class EngineOn final : public Engine {
   CellLevels levels_{};
   std::int64_t frames_at_once_ = B::frames_between_checks;
   std::int64_t list_spell_ = 0, frames_by_list_ = 0;  // frames by lists that are mended; those still to come
-  bool are_lists_behind_ = false;    // bodies may have been changed by others since lists were run
+  bool are_lists_behind_ = false;                     // bodies may have been changed by others since lists were run
   bool is_crowding_known_ = false;
   bool has_friction_ = false;  // of the default solver, where spheres turn: contacts remember
 };

@@ -35,17 +35,7 @@ struct FrameWorld {
   FrameControl* control;
   MemoryPass memory;  // of the next pass
 
-  GridView grid() const {
-    return {period_of(frame.substep.box),
-            count,
-            constants.ids,
-            state.position_radius,
-            state.velocity_restitution,
-            constants.masses,
-            state.crowding,
-            state.spins,
-            constants.frictions};
-  }
+  GridView grid() const { return view_of(state, constants, count, period_of(frame.substep.box)); }
   SortedSlots sorted() const { return {shape, cell_start, cell_end, built, skin}; }
   Strays strays_of(std::uint32_t pass) const {
     Strays found = pass % 2 == 0 ? strays : other_strays;
@@ -133,9 +123,14 @@ template <bool has_walls, class Run>
 void make_frame_lists(Run& run, FrameWorld& world) {
   run.allocate_cells(Stage::build_grid, world);
   run.for_each(Stage::build_grid, world.count,
-               ScatterFrameSlots{world.cell_of_slot, world.rank_of_slot, world.cell_start, world.skin, world.state,
-                                 world.other_state, world.constants, world.other_constants, world.built,
-                                 world.lists.counts, world.control});
+               ScatterFrameSlots{world.cell_of_slot,
+                                 world.rank_of_slot,
+                                 world.cell_start,
+                                 world.skin,
+                                 {world.state, world.other_state, world.constants, world.other_constants},
+                                 world.built,
+                                 world.lists.counts,
+                                 world.control});
   world.swap_state();
   std::swap(world.constants, world.other_constants);
   const auto record = [&]<bool is_shared>() {
@@ -192,7 +187,8 @@ template <bool is_rough, bool has_walls, class Run>
 void simulate_frames_by_their_lists(Run& run, FrameWorld& world, std::int64_t frames) {
   ToNextFrame first = world.to_next_frame(false);
   first.to = world.state;
-  run.for_each(Stage::load, world.count, LoadFrameSlots{world.is_new, world.bodies, world.constants, first});
+  // control->frame is one before 0 here.
+  run.for_each(Stage::load, world.count, LoadInto<ToNextFrame>{world.is_new, world.bodies, world.constants, first});
   world.is_new = false;
   const auto simulate = [&](bool is_last) { simulate_frame_by_its_lists<is_rough, has_walls>(run, world, is_last); };
   // What contacts remember from before the run is read by its first pass and no other: a frame that cannot be repeated.

@@ -38,17 +38,7 @@ struct LevelWorld {
   MemoryCopies memory;
   LevelControl* control;
 
-  GridView grid() const {
-    return {period_of(frame.substep.box),
-            count,
-            constants.ids,
-            state.position_radius,
-            state.velocity_restitution,
-            constants.masses,
-            state.crowding,
-            state.spins,
-            constants.frictions};
-  }
+  GridView grid() const { return view_of(state, constants, count, period_of(frame.substep.box)); }
   LevelNeighbors neighbors() const { return {levels, cell_start, cell_start + 1}; }
   ToNextPass to_next_pass(bool ends_frame, bool is_last) const {
     const Substep& step = frame.substep;
@@ -65,8 +55,10 @@ template <class Run>
 void sort_by_levels(Run& run, LevelWorld& world) {
   run.exclusive_scan(Stage::build_grid, world.cell_counts, world.cell_start, world.levels.cells);
   run.for_each(Stage::build_grid, world.count,
-               ScatterLevelSlots{world.cell_of_slot, world.rank_of_slot, world.cell_start, world.state,
-                                 world.other_state, world.constants, world.other_constants});
+               ScatterLevelSlots{world.cell_of_slot,
+                                 world.rank_of_slot,
+                                 world.cell_start,
+                                 {world.state, world.other_state, world.constants, world.other_constants}});
   world.swap_state();
   std::swap(world.constants, world.other_constants);
 }
@@ -100,7 +92,7 @@ void simulate_frames_by_levels(Run& run, LevelWorld& world, std::uint32_t frames
   world.frame.substep.frame = ~std::uint32_t(0);
   ToNextPass first = world.to_next_pass(true, false);
   first.to = world.state;
-  run.for_each(Stage::load, world.count, LoadLevelSlots{world.is_new, world.bodies, world.constants, first});
+  run.for_each(Stage::load, world.count, LoadInto<ToNextPass>{world.is_new, world.bodies, world.constants, first});
   const auto passes = static_cast<std::uint32_t>(world.frame.iterations);
   for (std::uint32_t frame = 0; frame < frames; ++frame) {
     world.frame.substep.frame = frame;

@@ -38,17 +38,7 @@ struct ListedWorld {
   MemoryCopies memory;
 
   FC_HOST_DEVICE std::uint32_t contact_passes() const { return static_cast<std::uint32_t>(frame.iterations); }
-  FC_HOST_DEVICE GridView grid() const {
-    return {period_of(frame.substep.box),
-            count,
-            constants.ids,
-            state.position_radius,
-            state.velocity_restitution,
-            constants.masses,
-            state.crowding,
-            state.spins,
-            constants.frictions};
-  }
+  FC_HOST_DEVICE GridView grid() const { return view_of(state, constants, count, period_of(frame.substep.box)); }
   // Where the pass with this turn writes. What it tells, the pass with the next turn reads.
   FC_HOST_DEVICE ToSlots output(std::uint32_t turn, bool is_repaired) const {
     const std::uint32_t mine = turn % 2;
@@ -116,10 +106,14 @@ FC_HOST_DEVICE void make_lists(Run& run, ListedWorld& world, Progress& progress)
       CountCells{world.shape, world.state.position_radius, world.cell_of_slot, world.rank_of_slot, world.cell_counts});
   run.alone(ForgetNews{world.control});
   run.exclusive_scan(Stage::build_grid, world.cell_counts, world.cell_start, world.cells);
-  run.for_each(
-      Stage::build_grid, world.count,
-      ScatterSlots{world.cell_of_slot, world.rank_of_slot, world.cell_start, world.skin, world.state, world.other_state,
-                   world.constants, world.other_constants, world.built, world.sorted_cells});
+  run.for_each(Stage::build_grid, world.count,
+               ScatterSlots{world.cell_of_slot,
+                            world.rank_of_slot,
+                            world.cell_start,
+                            world.skin,
+                            {world.state, world.other_state, world.constants, world.other_constants},
+                            world.built,
+                            world.sorted_cells});
   world.swap_state();
   world.swap_constants();
   ++progress.state_swaps;

@@ -47,51 +47,19 @@ struct ToNextFrame {
   FC_HOST_DEVICE void write_crowding(std::int64_t slot, const Sphere&, float value) const { to.crowding[slot] = value; }
 };
 
-// control->frame is one before 0 here.
-struct LoadFrameSlots {
-  bool is_new;  // slots that hold nothing yet
-  BodyArrays bodies;
-  SlotConstants constants;
-  ToNextFrame output;
-
-  FC_HOST_DEVICE void operator()(std::int64_t slot) const {
-    const std::uint32_t id = is_new ? static_cast<std::uint32_t>(slot) : constants.ids[slot];
-    const Sphere sphere{bodies.positions[id],    bodies.radii[id],  bodies.velocities[id],
-                        bodies.restitutions[id], bodies.masses[id], id};
-    constants.ids[slot] = id;
-    constants.masses[slot] = sphere.mass;
-    if (output.to.crowding != nullptr) output.to.crowding[slot] = bodies.crowding[id];
-    Vec3 spin{0, 0, 0};
-    if (output.to.spins != nullptr) {
-      spin = bodies.spins[id];
-      constants.frictions[slot] = bodies.frictions[id];
-    }
-    output.write(slot, sphere, sphere.position, sphere.velocity, spin);
-  }
-};
-
 struct ScatterFrameSlots {
   const std::uint32_t *cells, *ranks, *cell_start;
   SkinLaw law;
-  SlotState from, to;
-  SlotConstants from_constants, to_constants;
+  SlotMove move;
   Vec4* built;
   std::uint32_t* list_counts;
   FrameControl* control;
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
     const std::uint32_t place = cell_start[cells[slot]] + ranks[slot];
-    const Vec4 here = from.position_radius[slot], velocity = from.velocity_restitution[slot];
-    to.position_radius[place] = here;
-    to.velocity_restitution[place] = velocity;
-    built[place] = {here.x, here.y, here.z, here.w + law.skin_of({velocity.x, velocity.y, velocity.z})};
-    to_constants.ids[place] = from_constants.ids[slot];
-    to_constants.masses[place] = from_constants.masses[slot];
-    if (from.crowding != nullptr) to.crowding[place] = from.crowding[slot];
-    if (from.spins != nullptr) {
-      to.spins[place] = from.spins[slot];
-      to_constants.frictions[place] = from_constants.frictions[slot];
-    }
+    const Vec4 here = move.from.position_radius[slot];
+    move(slot, place);
+    built[place] = {here.x, here.y, here.z, here.w + law.skin_of(move.velocity_of(slot))};
     list_counts[place] = 0;
     if (slot > 0) return;
     ++control->frame;

@@ -44,42 +44,11 @@ struct ToNextPass {
   FC_HOST_DEVICE void write_crowding(std::int64_t slot, const Sphere&, float value) const { to.crowding[slot] = value; }
 };
 
-struct LoadLevelSlots {
-  bool is_new;  // slots that hold nothing yet
-  BodyArrays bodies;
-  SlotConstants constants;
-  ToNextPass output;
-
-  FC_HOST_DEVICE void operator()(std::int64_t slot) const {
-    const std::uint32_t id = is_new ? static_cast<std::uint32_t>(slot) : constants.ids[slot];
-    const Sphere sphere{bodies.positions[id],    bodies.radii[id],  bodies.velocities[id],
-                        bodies.restitutions[id], bodies.masses[id], id};
-    constants.ids[slot] = id;
-    constants.masses[slot] = sphere.mass;
-    if (constants.frictions != nullptr) constants.frictions[slot] = bodies.frictions[id];
-    if (output.to.crowding != nullptr) output.to.crowding[slot] = bodies.crowding[id];
-    output.write(slot, sphere, sphere.position, sphere.velocity,
-                 output.to.spins == nullptr ? Vec3{0, 0, 0} : bodies.spins[id]);
-  }
-};
-
 struct ScatterLevelSlots {
   const std::uint32_t *cells, *ranks, *cell_start;
-  SlotState from, to;
-  SlotConstants from_constants, to_constants;
+  SlotMove move;
 
-  FC_HOST_DEVICE void operator()(std::int64_t slot) const {
-    const std::uint32_t place = cell_start[cells[slot]] + ranks[slot];
-    to.position_radius[place] = from.position_radius[slot];
-    to.velocity_restitution[place] = from.velocity_restitution[slot];
-    to_constants.ids[place] = from_constants.ids[slot];
-    to_constants.masses[place] = from_constants.masses[slot];
-    if (from.crowding != nullptr) to.crowding[place] = from.crowding[slot];
-    if (from.spins != nullptr) {
-      to.spins[place] = from.spins[slot];
-      to_constants.frictions[place] = from_constants.frictions[slot];
-    }
-  }
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const { move(slot, cell_start[cells[slot]] + ranks[slot]); }
 };
 
 // Bodies stay as they were where something went wrong on the way.

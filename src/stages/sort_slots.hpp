@@ -79,23 +79,14 @@ struct CountCells {
   }
 };
 
-struct ScatterSlots {
-  const std::uint32_t* cells;
-  const std::uint32_t* ranks;
-  const std::uint32_t* cell_start;
-  SkinLaw law;
+// A slot on its way into another order.
+struct SlotMove {
   SlotState from, to;
   SlotConstants from_constants, to_constants;
-  Vec4* built;
-  std::uint32_t* sorted_cells;
 
-  FC_HOST_DEVICE void operator()(std::int64_t slot) const {
-    const std::uint32_t cell = cells[slot], place = cell_start[cell] + ranks[slot];
-    const Vec4 here = from.position_radius[slot], velocity = from.velocity_restitution[slot];
-    to.position_radius[place] = here;
-    to.velocity_restitution[place] = velocity;
-    built[place] = {here.x, here.y, here.z, law.skin_of({velocity.x, velocity.y, velocity.z})};
-    sorted_cells[place] = cell;
+  FC_HOST_DEVICE void operator()(std::int64_t slot, std::uint32_t place) const {
+    to.position_radius[place] = from.position_radius[slot];
+    to.velocity_restitution[place] = from.velocity_restitution[slot];
     to_constants.ids[place] = from_constants.ids[slot];
     to_constants.masses[place] = from_constants.masses[slot];
     if (from.crowding != nullptr) to.crowding[place] = from.crowding[slot];
@@ -103,6 +94,52 @@ struct ScatterSlots {
       to.spins[place] = from.spins[slot];
       to_constants.frictions[place] = from_constants.frictions[slot];
     }
+  }
+  FC_HOST_DEVICE Vec3 velocity_of(std::int64_t slot) const {
+    const Vec4 velocity = from.velocity_restitution[slot];
+    return {velocity.x, velocity.y, velocity.z};
+  }
+};
+
+struct ScatterSlots {
+  const std::uint32_t* cells;
+  const std::uint32_t* ranks;
+  const std::uint32_t* cell_start;
+  SkinLaw law;
+  SlotMove move;
+  Vec4* built;
+  std::uint32_t* sorted_cells;
+
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const {
+    const std::uint32_t cell = cells[slot], place = cell_start[cell] + ranks[slot];
+    const Vec4 here = move.from.position_radius[slot];
+    move(slot, place);
+    built[place] = {here.x, here.y, here.z, law.skin_of(move.velocity_of(slot))};
+    sorted_cells[place] = cell;
+  }
+};
+
+// From the bodies to where an output writes the state.
+template <class Output>
+struct LoadInto {
+  bool is_new;  // slots that hold nothing yet
+  BodyArrays bodies;
+  SlotConstants constants;
+  Output output;
+
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const {
+    const std::uint32_t id = is_new ? static_cast<std::uint32_t>(slot) : constants.ids[slot];
+    const Sphere sphere{bodies.positions[id],    bodies.radii[id],  bodies.velocities[id],
+                        bodies.restitutions[id], bodies.masses[id], id};
+    constants.ids[slot] = id;
+    constants.masses[slot] = sphere.mass;
+    if (output.to.crowding != nullptr) output.to.crowding[slot] = bodies.crowding[id];
+    Vec3 spin{0, 0, 0};
+    if (output.to.spins != nullptr) {
+      spin = bodies.spins[id];
+      constants.frictions[slot] = bodies.frictions[id];
+    }
+    output.write(slot, sphere, sphere.position, sphere.velocity, spin);
   }
 };
 

@@ -184,6 +184,19 @@ def test_spheres_that_leave_their_skins(device, solver, is_rough):
         assert_equal_steps(all_methods(device, solver, spheres, bounds=bounds, boundary=boundary), (1, 9, 30), 0.03)
 
 
+def test_the_way_that_a_world_takes_by_itself(device, solver):
+    """Fast spheres in little room that slow down: a GPU goes over to lists that are mended, and back."""
+    bounds = ((0, 0, 0), (8, 8, 8))
+    spheres = fc.random_spheres(1200, bounds, seed=1, speed=(40, 40, 40))
+    worlds = [fc.World(bounds, device=device, solver=solver, method=method) for method in ("cells", "auto")]
+    for world in worlds:
+        world.add(spheres)
+    assert_equal_steps(worlds, (1, 9, 30), 0.03)
+    for world in worlds:
+        world.drag = 20
+    assert_equal_steps(worlds, (150, 30), 0.01)
+
+
 def test_more_neighbours_than_a_list_holds(device, solver):
     bounds = ((0, 0, 0), (4, 4, 4))
     worlds = all_methods(
