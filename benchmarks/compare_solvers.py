@@ -33,8 +33,8 @@ ROWS = (
     ("column: v_rms, m/s", "column_v_rms", ".4f"),
     ("column: mean overlap", "column_overlap", ".4f"),
     ("pair alone: worst error of e", "pair_error", ".1e"),
-    ("gas, φ 0.2: T/T₀", "gas_20", ".4g"),
-    ("gas, φ 0.4: T/T₀", "gas_40", ".4g"),
+    ("gas, φ 0.2: T/T₀", "gas_20", ".4f"),
+    ("gas, φ 0.4: T/T₀", "gas_40", ".4f"),
     ("ms a frame", "frame_ms", ".1f"),
 )
 
