@@ -45,8 +45,7 @@ class BenchSettings:
         default=METHODS,
         metadata=_about(
             Several(Choice(METHODS)),
-            "How neighbours are found: a grid for every pass, lists that hold, or lists made for each frame (not with "
-            "friction).",
+            "How neighbours are found: a grid for every pass, lists that hold, or lists made for each frame.",
         ),
     )
     device: tuple[str, ...] | None = field(

@@ -56,6 +56,7 @@ int main(int argc, char** argv) {
   if (method == "cells") options.method = fastcollide::Method::cells;
   if (method == "list") options.method = fastcollide::Method::list;
   if (method == "frame") options.method = fastcollide::Method::frame;
+  if (method == "levels") options.method = fastcollide::Method::levels;
   try {
     const std::string kind = argc > 6 ? argv[6] : "rough";
     options.solver = kind == "reference" ? fastcollide::Solver::reference : fastcollide::Solver::substep;
