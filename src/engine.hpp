@@ -207,7 +207,7 @@ class EngineOn final : public Engine {
     bool may_have_changed = true;
     for (std::int64_t done = 0; done < frames;) {
       if (go_on && !go_on()) return done;
-      const std::int64_t some = std::min(frames - done, frames_at_once_);
+      const std::int64_t some = std::min(frames - done, is_trial() ? 1 : frames_at_once_);
       const auto start = std::chrono::steady_clock::now();
       const Watch watch = run_frames(some, parameters, may_have_changed);
       if (watch.first_fault != no_fault) {
@@ -428,7 +428,9 @@ class EngineOn final : public Engine {
       const std::optional<Watch> watch =
           frame_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), memory_, timer);
       are_lists_behind_ = true;
-      if (frame_runs_.had_many_strays()) frames_by_list_ = 64;
+      const bool is_slow = frame_runs_.had_many_strays();
+      list_spell_ = is_slow ? std::clamp<std::int64_t>(2 * list_spell_, 64, 1024) : 0;
+      frames_by_list_ = list_spell_;
       if (watch) return *watch;
     }
     if (options_.method != Method::cells) {
@@ -457,10 +459,13 @@ class EngineOn final : public Engine {
   }
 
   bool makes_lists_for_each_frame() const {
-    // Where many leave their skins within a frame, lists that are mended serve better for a while.
     return options_.method == Method::frame ||
            (options_.method == Method::automatic && B::has_whole_grid && frames_by_list_ <= 0);
   }
+
+  // Where many spheres leave their skins within a frame, lists that are mended serve better for a spell; then one frame
+  // tells whether that is still so.
+  bool is_trial() const { return list_spell_ > 0 && frames_by_list_ <= 0; }
 
   BodyArrays body_arrays() {
     const bool has_crowding = options_.solver == Solver::substep;
@@ -512,7 +517,7 @@ class EngineOn final : public Engine {
   RadiusSurvey radii_{};
   CellLevels levels_{};
   std::int64_t frames_at_once_ = B::frames_between_checks;
-  std::int64_t frames_by_list_ = 0;  // to come, of those that could be run with lists for each frame
+  std::int64_t list_spell_ = 0, frames_by_list_ = 0;  // frames by lists that are mended; those still to come
   bool are_lists_behind_ = false;    // bodies may have been changed by others since lists were run
   bool is_crowding_known_ = false;
   bool has_friction_ = false;  // of the default solver, where spheres turn: contacts remember

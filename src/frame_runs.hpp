@@ -110,7 +110,7 @@ class FrameRuns {
 
   void choose_lanes(std::int64_t count) {
     std::uint32_t bits = 0;
-    if constexpr (B::has_whole_grid) bits = count <= 65536 ? 3 : count <= few ? 2 : 0;
+    if constexpr (B::has_whole_grid) bits = count <= 32768 ? 3 : count <= few ? 2 : 0;
     if (bits == lane_bits_ && rows_ > 0) return;
     lane_bits_ = bits;
     may_grow_ = true;

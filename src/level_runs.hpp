@@ -56,7 +56,7 @@ class LevelRuns {
         const double across = 1.0 + 2.0 * (largest + other) * world.levels.levels[m].shape.y.inverse_edge;
         rows += across * across;
       }
-      const int fewest_lanes = B::has_whole_grid && world.count <= 65536 ? 8 : 1;
+      const int fewest_lanes = B::has_whole_grid && world.count <= 131072 ? 8 : 1;
       const int lanes = rows > 2048 ? 512 : rows > 512 ? 128 : rows > 128 ? 32 : fewest_lanes;
       LevelGroup* last = world.group_count > 0 ? &world.groups[world.group_count - 1] : nullptr;
       if (last != nullptr && last->lanes == lanes) {
