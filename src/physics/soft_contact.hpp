@@ -51,8 +51,8 @@ FC_HOST_DEVICE inline float load_weight(float depth, const SoftContactLaw& law) 
 }
 
 // Two surfaces that come together within the next substep are counted before they touch: dozens of contacts may close
-// in one substep, and each would push as if it were alone. A sphere of 0.8 m on a floor of fixed ones of 0.025 m, half a
-// radius apart, was thrown up at 240 m/s.
+// in one substep, and each would push as if it were alone. A sphere of 0.8 m on a floor of fixed ones of 0.025 m, half
+// a radius apart, was thrown up at 240 m/s.
 FC_HOST_DEVICE inline bool will_close(float depth, float normal_velocity, const SoftContactLaw& law) {
   return depth - normal_velocity * law.substep > 0.0f;
 }

@@ -70,37 +70,48 @@ struct GatherContacts {
       if (!is_closed && !(law.gravity > 0.0f && will_close(depth, approach, law))) return;
       ++sum.contacts;
       const float pushed_depth = larger(depth - slop, 0.0f);
-      const auto crowd = [&] {
-        const float weight = mass_weight(self.mass, neighbor.mass) * load_weight_in(grid, pushed_depth, law);
-        add_contact(sum.crowd, pair.contact.normal, weight);
-      };
-      if (!is_closed) return crowd();
-      const float other_crowding = grid.crowding[other];
-      const Vec3 pull = relative_gravity(substep.gravity, neighbor.mass);
-      const float met_at = approach - dot(pull, pair.contact.normal) * law.substep;  // before this substep's gravity
-      const bool is_fast = met_at < -law.impact_speed;
-      const bool is_held_here = is_held(own_crowding), is_held_there = is_held(other_crowding);
-      if (is_fast && (law.gravity == 0.0f || !(is_held_here && is_held_there))) {
-        sum.fastest.keep_faster({met_at, static_cast<std::uint32_t>(other), neighbor.id});
-      }
+      if (is_closed) meet({slot, other, self, neighbor, spin, pair, smaller_radius, pushed_depth, own_crowding}, sum);
       if (law.gravity == 0.0f) return;
-      crowd();
-      if (is_fast && !is_held_here && !is_held_there) return;  // acts or waits as an impact
-      ++sum.resting;
-      const float crowding_here = larger(fabsf(own_crowding), fabsf(other_crowding));
-      const float share = mass_share(self.mass, neighbor.mass);
-      const float push = resting_push(pushed_depth, smaller_radius, crowding_here, law), speed = push - approach;
-      const float part = 1.0f / larger(1.0f, crowding_here);
-      add_change(sum, pair.contact.normal * (speed * part * share));
-      if (grid.spins != nullptr) {
-        rub({slot, other, self, neighbor, spin, pair.contact, larger(push, speed) * part, larger(speed, 0.0f) * part,
-             tangential_part(crowding_here)},
-            sum);
-      }
+      const float weight = mass_weight(self.mass, neighbor.mass) * load_weight_in(grid, pushed_depth, law);
+      add_contact(sum.crowd, pair.contact.normal, weight);
     };
     neighbors.visit(grid, slot, self.position, lane, visit);
     if (lane.index == 0 && law.gravity > 0.0f) gather_walls(slot, self, own_crowding, spin, sum);
     return sum;
+  }
+
+  struct ClosedPair {
+    std::int64_t slot, other;
+    const Sphere &self, &neighbor;
+    Vec3 spin;
+    const PairGeometry& geometry;
+    float smaller_radius, pushed_depth, own_crowding;
+  };
+
+  FC_HOST_DEVICE void meet(const ClosedPair& pair, Sum& sum) const {
+    const SoftContactLaw& law = substep.law;
+    const Sphere &self = pair.self, &neighbor = pair.neighbor;
+    const Vec3 normal = pair.geometry.contact.normal, pull = relative_gravity(substep.gravity, neighbor.mass);
+    const float approach = pair.geometry.normal_velocity;
+    const float met_at = approach - dot(pull, normal) * law.substep;  // before this substep's gravity
+    const bool is_fast = met_at < -law.impact_speed;
+    const float other_crowding = grid.crowding[pair.other];
+    const bool is_held_here = is_held(pair.own_crowding), is_held_there = is_held(other_crowding);
+    if (is_fast && (law.gravity == 0.0f || !(is_held_here && is_held_there))) {
+      sum.fastest.keep_faster({met_at, static_cast<std::uint32_t>(pair.other), neighbor.id});
+    }
+    if (law.gravity == 0.0f) return;
+    if (is_fast && !is_held_here && !is_held_there) return;  // acts or waits as an impact
+    ++sum.resting;
+    const float crowding_here = larger(fabsf(pair.own_crowding), fabsf(other_crowding));
+    const float share = mass_share(self.mass, neighbor.mass);
+    const float push = resting_push(pair.pushed_depth, pair.smaller_radius, crowding_here, law);
+    const float speed = push - approach, part = 1.0f / larger(1.0f, crowding_here);
+    add_change(sum, normal * (speed * part * share));
+    if (grid.spins == nullptr) return;
+    rub({pair.slot, pair.other, self, neighbor, pair.spin, pair.geometry.contact, larger(push, speed) * part,
+         larger(speed, 0.0f) * part, tangential_part(crowding_here)},
+        sum);
   }
 
   struct RoughPair {
@@ -146,7 +157,8 @@ struct GatherContacts {
     atomic_min(first_fault, fault_word(substep.frame, owner, FaultKind::memory_full));
   }
 
-  FC_HOST_DEVICE void gather_walls(std::int64_t slot, const Sphere& self, float known_crowding, Vec3 spin, Sum& sum) const {
+  FC_HOST_DEVICE void gather_walls(std::int64_t slot, const Sphere& self, float known_crowding, Vec3 spin,
+                                   Sum& sum) const {
     const SoftContactLaw& law = substep.law;
     const float crowding = fabsf(known_crowding);
     const float nearest = -law.impact_speed * law.substep;

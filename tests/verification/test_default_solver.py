@@ -304,7 +304,7 @@ def test_a_stack_of_five_stands(device, iterations, sag):
 
 
 def test_a_column_of_28_layers(device):
-    """It breathes for half a minute; then it rests."""
+    """It breathes for most of a minute; then it rests."""
     world = column(device, 28)
     world.step(3600, DT)
 

@@ -184,8 +184,8 @@ def test_a_heap_on_a_floor_of_fixed_spheres(device):
 @pytest.mark.parametrize("iterations", [2, 5])
 @pytest.mark.parametrize("velocity", [(0.5, 0, 0), (5, 0, -1), (0, 0, -3), (0.5, 0, -3)])
 def test_a_floor_of_many_fixed_spheres_adds_no_energy(device, iterations, friction, velocity):
-    """A sphere of 32 times their radius touches dozens of them in one substep, without warning: it never has more energy
-    than at the start, and falling straight down it rebounds no higher than e² h."""
+    """A sphere of 32 times their radius touches dozens of them in one substep, without warning: it never has more
+    energy than at the start, and falling straight down it rebounds no higher than e² h."""
     e, gap, small, large = 0.5, 0.02, 0.025, 0.8
     x, y = np.meshgrid(np.arange(-1.8, 1.8, small), np.arange(-0.3, 0.3, small))
     world = fc.World(((-2, -2, -2), (2, 2, 99)), "open", gravity=(0, 0, -G), iterations=iterations, device=device)
