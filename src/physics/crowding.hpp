@@ -48,4 +48,8 @@ FC_HOST_DEVICE inline float crowding_of(const CrowdingSum& sum) {
   return mean + 2.0f * square_root(square);
 }
 
+// What is kept from substep to substep is negative where no resting contact acts yet: of a sphere in flight, of one
+// whose impacts wait. It is as crowded then as soon as those contacts are resting ones.
+FC_HOST_DEVICE inline bool is_held(float crowding) { return crowding > 0.0f; }
+
 }  // namespace fastcollide

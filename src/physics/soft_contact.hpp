@@ -50,6 +50,13 @@ FC_HOST_DEVICE inline float load_weight(float depth, const SoftContactLaw& law) 
   return 0.75f + 0.25f * clamp(depth / law.full_load_depth, 0.0f, 1.0f);
 }
 
+// Two surfaces that come together within the next substep are counted before they touch: dozens of contacts may close
+// in one substep, and each would push as if it were alone. A sphere of 0.8 m on a floor of fixed ones of 0.025 m, half
+// a radius apart, was thrown up at 240 m/s.
+FC_HOST_DEVICE inline bool will_close(float depth, float normal_velocity, const SoftContactLaw& law) {
+  return depth - normal_velocity * law.substep > 0.0f;
+}
+
 // A heavy neighbour crowds a light sphere more than the other way round; a fixed one crowds it as a wall does.
 FC_HOST_DEVICE inline float mass_weight(float own_mass, float other_mass) {
   if (is_fixed(other_mass)) return 1.0f;

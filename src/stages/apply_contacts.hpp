@@ -124,7 +124,7 @@ struct ApplyContacts {
     const SoftContactLaw& law = substep.law;
     const float pull = dot(substep.gravity, normal);
     const float before = dot(self.velocity, normal) - pull * law.substep;
-    if (!(before < -law.impact_speed) || grid.crowding[slot] > 0.0f) {
+    if (!(before < -law.impact_speed) || is_held(grid.crowding[slot])) {
       is_free = false;
       return;
     }

@@ -20,21 +20,25 @@ struct MeasureCrowding {
       return;
     }
     CrowdingSum sum;
+    bool is_resting = false;
     auto visit = [&](std::int64_t other) {
       if (!is_near(self, grid, other, law.opening_margin)) return;
       const Sphere neighbor = sphere_in_slot(grid, other);
       const PairGeometry pair = pair_geometry(self, neighbor, grid.period);
-      if (pair.contact.depth <= 0.0f || pair.normal_velocity < -law.impact_speed) return;
-      const float weight = mass_weight(self.mass, neighbor.mass) * load_weight_in(grid, pair.contact.depth, law);
+      const float depth = pair.contact.depth;
+      if (depth <= 0.0f && !will_close(depth, pair.normal_velocity, law)) return;
+      const float weight = mass_weight(self.mass, neighbor.mass) * load_weight_in(grid, larger(depth, 0.0f), law);
       add_contact(sum, pair.contact.normal, weight);
+      if (depth > 0.0f && pair.normal_velocity >= -law.impact_speed) is_resting = true;
     };
     neighbors.visit(grid, slot, self.position, Lane{}, visit);
     auto visit_wall = [&](Vec3 normal, float depth, int) {
       if (depth <= 0.0f || dot(self.velocity, normal) < -law.impact_speed) return;
       add_contact(sum, normal, load_weight_in(grid, depth, law));
+      is_resting = true;
     };
     visit_walls(self.position, self.radius, box, visit_wall);
-    crowding[self.id] = crowding_of(sum);
+    crowding[self.id] = is_resting ? crowding_of(sum) : -crowding_of(sum);
   }
 };
 

@@ -27,6 +27,7 @@ struct SubstepScratch {
   explicit SubstepScratch(B& backend) : crowding(backend), velocity_change(backend), turn(backend), pick(backend) {}
 
   // Of each sphere, from substep to substep and from frame to frame; measured anew for spheres that were added.
+  // Negative where nothing holds a sphere yet: see is_held().
   typename B::template Buffer<float> crowding;
   typename B::template Buffer<Vec3> velocity_change;  // by resting contacts, of each slot [m/s]
   typename B::template Buffer<Vec3> turn;             // likewise: change of spin times radius, in a rough world [m/s]

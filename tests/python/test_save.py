@@ -380,7 +380,7 @@ three_contacts = {"contact_partner": np.array((1, 2, 1), "<u4"), "contact_slide"
         (put_array(velocity=np.full((3, 3), np.nan, "<f4")), r"velocity\[0\]"),
         (put_array(crowding=three[:2]), "crowding: found 2"),
         (put_array(crowding=three * np.nan), r"crowding\[0\]"),
-        (put_array(crowding=-three), r"crowding\[0\]"),
+        (put_array(crowding=three * np.inf), r"crowding\[0\]"),
         (put_array(contact_owner=np.arange(2, dtype="<u4")), "contact_partner: found"),
         (put_array(contact_owner=np.array((0, 0, 3), "<u4"), **three_contacts), r"contact_owner\[2\]: found 3"),
         (put_array(contact_owner=np.array((0, 0, 1), "<u4"), **three_contacts), r"contact_partner\[2\]: found 1"),

@@ -304,13 +304,38 @@ def test_a_stack_of_five_stands(device, iterations, sag):
 
 
 def test_a_column_of_28_layers(device):
-    """It breathes for half a minute; then it rests."""
+    """It breathes for most of a minute; then it rests."""
     world = column(device, 28)
     world.step(3600, DT)
 
     assert world.contact_count() == 27
     assert 0 < mean_overlap(world) <= 0.05
     assert np.abs(velocities_of(world)).max() <= 2e-3
+
+
+@pytest.mark.parametrize(("ratio", "layers"), [(8, 3), (32, 1)])
+def test_a_large_sphere_on_a_bed_of_small_ones(device, ratio, layers):
+    """It falls at 3 m/s onto 768 or 3,844 spheres at rest: their energy never rises, none gets as fast as one that an
+    elastic wall hits (2 v), and it is thrown back no faster than it came."""
+    half, speed = 0.5, 3.0
+    radius = 0.25
+    small = radius / ratio
+    along = np.arange(small - half, half, 2 * small)
+    x, y, layer = np.meshgrid(along, along, np.arange(layers), indexing="ij")
+    bed = np.stack([x + small * (layer % 2), y + small * (layer % 2), small * (1 + 1.42 * layer)], axis=-1)
+    world = fc.World(((-0.52, -0.52, 0), (0.52, 0.52, 6)), "wall", drag=0.0, device=device)
+    world.add(position=bed.reshape(-1, 3), radius=small, density=1000.0, restitution=0.5)
+    world.step(60, DT)
+    top = positions_of(world)[:, 2].max() + small
+    world.add(position=(0.01, 0.013, top + radius), velocity=(0, 0, -speed), radius=radius, density=1000.0)
+    start = world.energy().total
+    for _ in range(30):
+        world.step(1, DT)
+        assert world.energy().total <= start
+        velocity = velocities_of(world)
+        assert np.linalg.norm(velocity[:-1], axis=1).max() < 2 * speed
+        assert velocity[-1, 2] < 0.5 * speed
+    assert world.energy().total < 0.5 * start
 
 
 def test_piles_come_to_rest(device):

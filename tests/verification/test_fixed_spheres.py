@@ -180,6 +180,33 @@ def test_a_heap_on_a_floor_of_fixed_spheres(device):
     assert np.sqrt((velocity**2).sum(axis=1).mean()) < 0.02
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("iterations", [2, 5])
+@pytest.mark.parametrize("velocity", [(0.5, 0, 0), (5, 0, -1), (0, 0, -3), (0.5, 0, -3)])
+def test_a_floor_of_many_fixed_spheres_adds_no_energy(device, iterations, friction, velocity):
+    """A sphere of 32 times their radius touches dozens of them in one substep, without warning: it never has more
+    energy than at the start, and falling straight down it rebounds no higher than e² h."""
+    e, gap, small, large = 0.5, 0.02, 0.025, 0.8
+    x, y = np.meshgrid(np.arange(-1.8, 1.8, small), np.arange(-0.3, 0.3, small))
+    world = fc.World(((-2, -2, -2), (2, 2, 99)), "open", gravity=(0, 0, -G), iterations=iterations, device=device)
+    world.add(
+        position=np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1), radius=small, mass=FIXED, restitution=e,
+        friction=friction,
+    )  # fmt: skip
+    start = (-0.3 * velocity[0], 0.007, large + small + gap)
+    world.add(position=start, velocity=velocity, radius=large, mass=1.0, restitution=e, friction=friction)
+    energy, rebound, lands = world.energy().total, 0.0, False
+    for _ in range(45):
+        world.step(1)
+        assert world.energy().total <= energy * (1 + 1e-6)
+        height = array_of(world.positions)[-1, 2] - large - small
+        lands = lands or height < 1e-3
+        rebound = max(rebound, height if lands else 0.0)
+    assert lands
+    if velocity[0] == 0:
+        assert rebound <= 1.05 * e**2 * (velocity[2] ** 2 / (2 * G) + gap)
+
+
 def test_friction_of_a_fixed_sphere(device):
     """Gross sliding on one that turns: μ times the normal impulse on the partner, nothing on the fixed one."""
     friction, restitution = 0.1, 0.5
