@@ -5,8 +5,8 @@
 #include <limits>
 
 #include "bucket_sort.hpp"
-#include "cell_order_search.hpp"
 #include "problem.hpp"
+#include "slot_search.hpp"
 #include "survey.hpp"
 
 namespace fastcollide::search {
@@ -19,12 +19,13 @@ class CpuSearcher {
   static constexpr std::int64_t group_size = quick_group;
 
   explicit CpuSearcher(CpuBackend& backend)
-      : slabs_(backend.threads()), backend_(backend), filter_(filter_runs<T>(best_simd())) {}
+      : slabs_(backend.threads()), backend_(backend), search_slots_(search_slots<T>(best_simd())) {}
 
   void build(const Problem<T>& problem) {
-    order(problem.targets, problem.grid, false, targets_);
+    const bool has_radii = problem.targets.radii != nullptr || problem.spheres.radii != nullptr;
+    order(problem.targets, problem.grid, has_radii, false, targets_);
     // Another set searches in the order of its own places, so that what it reads stays in the cache.
-    if (!problem.is_one_set) order(problem.spheres, problem.grid, true, searchers_);
+    if (!problem.is_one_set) order(problem.spheres, problem.grid, has_radii, true, searchers_);
   }
 
   // Indices in the order of slots, of the last problem that was built; searchers are those of another set.
@@ -42,13 +43,11 @@ class CpuSearcher {
   }
 
   void count_rows(const Problem<T>& problem, Rows rows, std::int64_t* counts) {
-    const std::uint32_t* query_ids = ids_of_searchers(problem);
-    const std::uint32_t* slot_ids = targets_.ids.data();
     const bool both = problem.is_one_set && rows == Rows::both;
     search(problem, [=](int) {
-      return [=](std::int64_t hits, const std::uint32_t* queries, const std::uint32_t* slots) {
+      return [=](std::int64_t hits, const std::uint32_t* searchers, const std::uint32_t* found) {
         for (std::int64_t k = 0; k < hits; ++k) {
-          const std::uint32_t i = query_ids[queries[k]], j = slot_ids[slots[k]];
+          const std::uint32_t i = searchers[k], j = found[k];
           atomic_add(counts + (problem.is_one_set && !both ? std::min(i, j) : i), 1);
           if (both) atomic_add(counts + j, 1);
         }
@@ -88,7 +87,17 @@ class CpuSearcher {
   }
 
  private:
-  using Order = CellOrder<CpuBackend, T>;
+  // Spheres in the order of (cell, index), and where each cell begins.
+  struct Order {
+    explicit Order(CpuBackend& backend) : numbers(backend), ids(backend), cell_start(backend) {}
+
+    CpuBackend::Buffer<T> numbers;  // x, y, z and radii, as Slots has them
+    std::int64_t stride = 0;
+    bool has_radii = false;
+    CpuBackend::Buffer<std::uint32_t> ids, cell_start;
+
+    Slots<T> slots() const { return {numbers.data(), stride, has_radii, ids.data()}; }
+  };
 
   static constexpr std::int64_t many_words = std::int64_t(1) << 26;
 
@@ -106,45 +115,38 @@ class CpuSearcher {
     std::int64_t size = 0;
   };
 
-  const std::uint32_t* ids_of_searchers(const Problem<T>& problem) const {
-    return problem.is_one_set ? targets_.ids.data() : searchers_.ids.data();
-  }
-
   int search_slabs(const Problem<T>& problem) const { return slabs_.count(problem.spheres.count, 512, 8); }
 
   // make_sink(slab) gives what receives the hits of a slab.
   template <class MakeSink>
   void search(const Problem<T>& problem, const MakeSink& make_sink) {
     const Order& from = problem.is_one_set ? targets_ : searchers_;
-    const SlotSearch<T> input{problem.grid,
-                              targets_.cell_start.data(),
-                              {from.x.data(), from.y.data(), from.z.data(), radii_or_null(from), targets_.x.data(),
-                               targets_.y.data(), targets_.z.data(), radii_or_null(targets_), problem.reach},
-                              problem.is_one_set,
-                              filter_};
+    const SlotSearch<T> input{problem.grid,       targets_.cell_start.data(), from.slots(), targets_.slots(),
+                              problem.is_one_set, problem.reach};
     slabs_.run(search_slabs(problem), problem.spheres.count, [&](int slab, std::int64_t begin, std::int64_t end) {
       auto sink = make_sink(slab);
-      search_slots(input, begin, end, sink);
+      using Sink = decltype(sink);
+      const auto take = [](void* context, std::int64_t hits, const std::uint32_t* searchers,
+                           const std::uint32_t* found) { (*static_cast<Sink*>(context))(hits, searchers, found); };
+      search_slots_(input, begin, end, {&sink, take});
     });
   }
 
   // Writes a word for each entry of a row, slab by slab. False, and given up, if there are more than `most`.
   bool collect(const Problem<T>& problem, Rows rows, std::int64_t most) {
     const bool both = problem.is_one_set && rows == Rows::both, is_one_set = problem.is_one_set;
-    const std::uint32_t* query_ids = ids_of_searchers(problem);
-    const std::uint32_t* slot_ids = targets_.ids.data();
     const int slabs = search_slabs(problem);
     while (static_cast<int>(found_.size()) < slabs) found_.emplace_back(backend_);
     for (WordList& list : found_) list.size = 0;
     std::atomic<std::int64_t> written = 0;
     search(problem, [&, most](int slab) {
       WordList* list = &found_[static_cast<std::size_t>(slab)];
-      return [=, &written](std::int64_t hits, const std::uint32_t* queries, const std::uint32_t* slots) {
+      return [=, &written](std::int64_t hits, const std::uint32_t* searchers, const std::uint32_t* found) {
         const std::int64_t added = both ? 2 * hits : hits;
         if (written.fetch_add(added, std::memory_order_relaxed) > most) return;
         std::uint64_t* words = list->grow(added);
         for (std::int64_t k = 0; k < hits; ++k) {
-          const std::uint32_t i = query_ids[queries[k]], j = slot_ids[slots[k]];
+          const std::uint32_t i = searchers[k], j = found[k];
           if (both) {
             words[2 * k] = word_of(i, j);
             words[2 * k + 1] = word_of(j, i);
@@ -157,14 +159,13 @@ class CpuSearcher {
     return written <= most;
   }
 
-  static const T* radii_or_null(const Order& order) { return order.radii.size() > 0 ? order.radii.data() : nullptr; }
-
   // Sorts spheres by (cell, index) and copies them there. Searchers have no level of their own: the finest serves.
-  void order(const SpheresIn<T>& spheres, const SearchGrid<T>& grid, bool are_searchers, Order& to) {
+  void order(const SpheresIn<T>& spheres, const SearchGrid<T>& grid, bool has_radii, bool are_searchers, Order& to) {
     const std::int64_t n = spheres.count;
-    to.ids.resize(n);
-    for (auto* buffer : {&to.x, &to.y, &to.z}) buffer->resize(n + slot_padding);
-    to.radii.resize(spheres.radii == nullptr ? 0 : n + slot_padding);
+    to.ids.resize(n + slot_padding);
+    to.has_radii = has_radii;
+    to.stride = n + slot_padding;
+    to.numbers.resize((has_radii ? 4 : 3) * to.stride);
     to.cell_start.resize(std::int64_t(grid.cell_count) + 1);
     cell_words_.resize(n);
     const int parts = slabs_.count(n, 4096, 2);
@@ -199,10 +200,11 @@ class CpuSearcher {
             const std::uint32_t slot = starts[key_of(*word)]++, id = static_cast<std::uint32_t>(*word);
             const Point<T> p = spheres.position(id);
             to.ids.data()[slot] = id;
-            to.x.data()[slot] = p.x;
-            to.y.data()[slot] = p.y;
-            to.z.data()[slot] = p.z;
-            if (spheres.radii != nullptr) to.radii.data()[slot] = spheres.radius(id);
+            T* place = to.numbers.data() + slot;
+            place[0] = p.x;
+            place[to.stride] = p.y;
+            place[2 * to.stride] = p.z;
+            if (to.has_radii) place[3 * to.stride] = spheres.radius(id);
           }
           // Each start has moved on to the next one: move them back.
           for (std::int64_t cell = end_cell - 1; cell > first_cell; --cell) starts[cell] = starts[cell - 1];
@@ -225,9 +227,16 @@ class CpuSearcher {
         y[i] = p.y;
         z[i] = p.z;
       }
-      cells_at(level.x, x.data(), count, cell_x.data());
-      cells_at(level.y, y.data(), count, cell_y.data());
-      cells_at(level.z, z.data(), count, cell_z.data());
+      const auto find_cells = [count](const CellAxis<T>& axis, const auto& places, auto& cells) {
+        if (axis.goes_round) {
+          for (std::int64_t i = 0; i < count; ++i) cells[i] = cell_at(places[i], axis);
+        } else {
+          for (std::int64_t i = 0; i < count; ++i) cells[i] = clamped_cell(places[i], axis);
+        }
+      };
+      find_cells(level.x, x, cell_x);
+      find_cells(level.y, y, cell_y);
+      find_cells(level.z, z, cell_z);
       for (std::int64_t i = 0; i < count; ++i) {
         const auto cell = static_cast<std::uint32_t>(cell_x[i]) +
                           static_cast<std::uint32_t>(level.x.cells) *
@@ -285,7 +294,7 @@ class CpuSearcher {
 
   Slabs slabs_;
   CpuBackend& backend_;
-  FilterRuns<T> filter_;
+  SearchSlots<T> search_slots_;
   Order targets_{backend_}, searchers_{backend_};
   CpuBackend::Buffer<std::uint64_t> cell_words_{backend_};
   BucketSort sort_{backend_};
