@@ -15,7 +15,7 @@ template <class T>
 class CpuSearcher {
  public:
   // Rows twice as wide as the reach: four runs of slots around a sphere, each long enough for wide vector units.
-  static constexpr CellEdges edges{1.0, 2.0};
+  static constexpr CellEdges edges{0.5, 2.0};
   static constexpr std::int64_t group_size = quick_group;
 
   explicit CpuSearcher(CpuBackend& backend)
@@ -121,8 +121,8 @@ class CpuSearcher {
   template <class MakeSink>
   void search(const Problem<T>& problem, const MakeSink& make_sink) {
     const Order& from = problem.is_one_set ? targets_ : searchers_;
-    const SlotSearch<T> input{problem.grid,       targets_.cell_start.data(), from.slots(), targets_.slots(),
-                              problem.is_one_set, problem.reach};
+    const SlotSearch<T> input{
+        problem.grid, targets_.cell_start.data(), {from.slots(), targets_.slots(), problem.reach}, problem.is_one_set};
     slabs_.run(search_slabs(problem), problem.spheres.count, [&](int slab, std::int64_t begin, std::int64_t end) {
       auto sink = make_sink(slab);
       using Sink = decltype(sink);

@@ -11,8 +11,9 @@ struct Block {
   std::array<T, size> reach;
   Numbers x_first, x_last, y_first, y_last, z_first, z_last;
   Numbers first_y, first_z;  // the row to begin with
-  // Where that row and the first row of the next layer begin, in cells of the level.
-  Numbers row_start, next_layer_start;
+  // Cells of the level: the first and the one past the last of the window in that row, and in the first row of the next
+  // layer.
+  Numbers run_first, run_end, next_first, next_end;
   // How many rows there are in the first layer beyond the first, and in the next one: a kind of sphere.
   std::array<std::uint8_t, size> kind;
 };
@@ -39,7 +40,7 @@ FC_TARGET void find_cells(const CellAxis<T>& axis, const T* places, int count, i
 template <class T>
 FC_TARGET void find_rows(const SlotSearch<T>& input, const Level<T>& level, bool is_own, std::int64_t n, int count,
                          Block<T>& block) {
-  const T *x = input.searchers.x + n, *y = x + input.searchers.stride, *z = y + input.searchers.stride;
+  const T *x = input.sets.searchers.x + n, *y = x + input.sets.searchers.stride, *z = y + input.sets.searchers.stride;
   find_windows(level.x, x, block.reach.data(), count, block.x_first.data(), block.x_last.data());
   find_windows(level.y, y, block.reach.data(), count, block.y_first.data(), block.y_last.data());
   find_windows(level.z, z, block.reach.data(), count, block.z_first.data(), block.z_last.data());
@@ -55,59 +56,78 @@ FC_TARGET void find_rows(const SlotSearch<T>& input, const Level<T>& level, bool
   for (int i = 0; i < count; ++i) {
     const int more_rows = block.y_last[i] - first_y[i], all_rows = block.y_last[i] - block.y_first[i] + 1;
     const int more_layers = block.z_last[i] - first_z[i];
-    block.row_start[i] = row * first_y[i] + layer * first_z[i];
-    block.next_layer_start[i] = row * block.y_first[i] + layer * (first_z[i] + 1);
+    const int row_start = row * first_y[i] + layer * first_z[i];
+    const int next_start = row * block.y_first[i] + layer * (first_z[i] + 1);
+    block.run_first[i] = row_start + block.x_first[i];
+    block.run_end[i] = row_start + block.x_last[i] + 1;
+    block.next_first[i] = next_start + block.x_first[i];
+    block.next_end[i] = next_start + block.x_last[i] + 1;
     const bool is_other = (all_rows > 2) | (more_layers > 1);
     block.kind[i] = static_cast<std::uint8_t>(is_other ? other_kind : 3 * more_rows + more_layers * all_rows);
   }
 }
 
-struct Rest {
-  std::uint32_t query, begin, end, unused;
-};
-
 // Compares a query with a whole run.
 template <class T, bool has_radii, bool has_images>
-FC_TARGET void search_run(const SlotSearch<T>& input, const typename Lanes<T>::Query& query, std::uint32_t begin,
+FC_TARGET void search_run(const Compared<T>& sets, const typename Lanes<T>::Query& query, std::uint32_t begin,
                           std::uint32_t end, HitBuffer& hits) {
   for (std::uint32_t slot = begin; slot < end; slot += Lanes<T>::width) {
     hits.make_room(Lanes<T>::width);
     const std::uint32_t left = end - slot;
     const std::uint32_t live = left < Lanes<T>::width ? left : Lanes<T>::width;
-    const unsigned found = Lanes<T>::template compare<has_radii, has_images>(input, query, slot, (1u << live) - 1u);
-    hits.count += Lanes<T>::store(input, query, slot, found, hits.pairs + hits.count);
+    const unsigned found = Lanes<T>::template compare<has_radii, has_images>(sets, query, slot, (1u << live) - 1u);
+    hits.count += Lanes<T>::store(sets, query, slot, found, hits.pairs + hits.count);
   }
 }
 
-// Spheres of one kind: of each run as many slots as there are lanes, without a branch that is hard to predict. What is
-// longer goes to `rests`.
+// The slots of the r-th run of a sphere of some kind.
+template <class T, bool is_own, int more_rows>
+[[gnu::always_inline]] FC_TARGET inline std::pair<std::uint32_t, std::uint32_t> run_of(const Block<T>& block, const std::uint32_t* cell_start, std::int64_t row, int i,
+                                                    std::uint32_t q, int r) {
+  if (r > more_rows) {
+    const std::int64_t down = (r - 1 - more_rows) * row;
+    return {cell_start[down + block.next_first[i]], cell_start[down + block.next_end[i]]};
+  }
+  return {is_own && r == 0 ? q + 1 : cell_start[r * row + block.run_first[i]], cell_start[r * row + block.run_end[i]]};
+}
+
+// Spheres of one kind: of each run as many slots as there are lanes, without a branch that is hard to predict; then the
+// rest of those that are longer.
 template <class T, bool has_radii, bool is_own, int more_rows, int next_rows>
-FC_TARGET Rest* search_kind(const SlotSearch<T>& input, const Level<T>& level, const Block<T>& block, std::int64_t n,
-                          const std::uint8_t* members, int count, HitBuffer& hits, Rest* rests) {
+FC_TARGET void search_kind(const SlotSearch<T>& input, const Level<T>& level, const Block<T>& block, std::int64_t n,
+                           const std::uint8_t* members, int count, HitBuffer& hits) {
+  constexpr std::uint32_t width = Lanes<T>::width;
+  constexpr int runs = 1 + more_rows + next_rows;
+  const Compared<T> sets = input.sets;  // of this function alone: what is written cannot change it
   const std::uint32_t* cell_start = input.cell_start + level.first_cell;
   const std::int64_t row = level.x.cells;
+  hits.make_room(runs * width * count);
   std::uint32_t* pairs = hits.pairs + hits.count;
+  std::uint16_t rests[runs * Block<T>::size + 1];
+  std::uint16_t* rest = rests;
   for (int m = 0; m < count; ++m) {
     const int i = members[m];
     const auto q = static_cast<std::uint32_t>(n + i);
-    const auto query = Lanes<T>::template query<has_radii>(input, q);
-    const std::uint32_t* rows = cell_start + block.row_start[i];
-    const std::uint32_t* next_rows_of = cell_start + block.next_layer_start[i];
-    const int first = block.x_first[i], end_cell = block.x_last[i] + 1;
+    const auto query = Lanes<T>::template query<has_radii>(sets, q);
 #pragma GCC unroll 4
-    for (int r = 0; r < 1 + more_rows + next_rows; ++r) {
-      const std::uint32_t* cells = r <= more_rows ? rows + r * row : next_rows_of + (r - 1 - more_rows) * row;
-      const std::uint32_t begin = is_own && r == 0 ? q + 1 : cells[first], end = cells[end_cell];
+    for (int r = 0; r < runs; ++r) {
+      const auto [begin, end] = run_of<T, is_own, more_rows>(block, cell_start, row, i, q, r);
       const std::uint32_t length = end - begin;
-      const std::uint32_t live = length < Lanes<T>::width ? length : Lanes<T>::width;
-      const unsigned found = Lanes<T>::template compare<has_radii, false>(input, query, begin, (1u << live) - 1u);
-      pairs += Lanes<T>::store(input, query, begin, found, pairs);
-      *rests = {q, begin + Lanes<T>::width, end, 0};
-      rests += length > Lanes<T>::width ? 1 : 0;
+      const std::uint32_t live = length < width ? length : width;
+      const unsigned found = Lanes<T>::template compare<has_radii, false>(sets, query, begin, (1u << live) - 1u);
+      pairs += Lanes<T>::store(sets, query, begin, found, pairs);
+      *rest = static_cast<std::uint16_t>(i + Block<T>::size * r);
+      rest += length > width ? 1 : 0;
     }
   }
   hits.count = pairs - hits.pairs;
-  return rests;
+  for (const std::uint16_t* one = rests; one < rest; ++one) {
+    const int i = *one % Block<T>::size, r = *one / Block<T>::size;
+    const auto q = static_cast<std::uint32_t>(n + i);
+    const auto [begin, end] = run_of<T, is_own, more_rows>(block, cell_start, row, i, q, r);
+    const auto query = Lanes<T>::template query<has_radii>(sets, q);
+    search_run<T, has_radii, false>(sets, query, begin + width, end, hits);
+  }
 }
 
 template <class T, bool has_radii, bool is_own>
@@ -119,13 +139,9 @@ FC_TARGET void search_block(const SlotSearch<T>& input, const Level<T>& level, s
     const int kind = block.kind[i];
     members[kind][member_count[kind]++] = static_cast<std::uint8_t>(i);
   }
-  constexpr int most_runs = 4 * Block<T>::size;
-  hits.make_room(most_runs * Lanes<T>::width);
-  Rest rests[most_runs + 1];
-  Rest* rests_end = rests;
-#define FC_KIND(more, next)                                                                                       \
-  rests_end = search_kind<T, has_radii, is_own, more, next>(input, level, block, n, members[3 * (more) + (next)], \
-                                                             member_count[3 * (more) + (next)], hits, rests_end)
+#define FC_KIND(more, next)                                                                                     \
+  search_kind<T, has_radii, is_own, more, next>(input, level, block, n, members[3 * (more) + (next)],          \
+                                                member_count[3 * (more) + (next)], hits)
   FC_KIND(0, 0);
   FC_KIND(0, 1);
   FC_KIND(0, 2);
@@ -133,21 +149,17 @@ FC_TARGET void search_block(const SlotSearch<T>& input, const Level<T>& level, s
   FC_KIND(1, 1);
   FC_KIND(1, 2);
 #undef FC_KIND
-  for (const Rest* rest = rests; rest < rests_end; ++rest) {
-    const auto query = Lanes<T>::template query<has_radii>(input, rest->query);
-    search_run<T, has_radii, false>(input, query, rest->begin, rest->end, hits);
-  }
   for (int m = 0; m < member_count[other_kind]; ++m) {
     const int i = members[other_kind][m];
     const auto q = static_cast<std::uint32_t>(n + i);
-    const auto query = Lanes<T>::template query<has_radii>(input, q);
+    const auto query = Lanes<T>::template query<has_radii>(input.sets, q);
     int y = is_own ? block.first_y[i] : block.y_first[i], z = is_own ? block.first_z[i] : block.z_first[i];
     for (; z <= block.z_last[i]; ++z, y = block.y_first[i]) {
       for (; y <= block.y_last[i]; ++y) {
         const std::uint32_t* cells = input.cell_start + level.first_cell +
                                      static_cast<std::int64_t>(level.x.cells) * (y + static_cast<std::int64_t>(level.y.cells) * z);
         const std::uint32_t begin = cells[block.x_first[i]];
-        search_run<T, has_radii, false>(input, query, is_own && begin <= q ? q + 1 : begin, cells[block.x_last[i] + 1],
+        search_run<T, has_radii, false>(input.sets, query, is_own && begin <= q ? q + 1 : begin, cells[block.x_last[i] + 1],
                                         hits);
       }
     }
@@ -159,7 +171,7 @@ FC_TARGET void search_level(const SlotSearch<T>& input, int k, bool is_own, std:
                             HitBuffer& hits) {
   const SearchGrid<T>& grid = input.grid;
   const Level<T>& level = grid.levels[k];
-  const Slots<T>& from = input.searchers;
+  const Slots<T>& from = input.sets.searchers;
   const T half_margin = static_cast<T>(grid.half_margin);
   for (int i = 0; i < count; ++i) {
     block.reach[i] = reach_into(level, has_radii ? from.radius(n + i) : T(0), half_margin);
@@ -178,10 +190,10 @@ FC_TARGET void search_level(const SlotSearch<T>& input, int k, bool is_own, std:
   for (int i = 0; i < count; ++i) {
     const auto q = static_cast<std::uint32_t>(n + i);
     const Point<T> p = from.position(q);
-    auto query = Lanes<T>::template query<has_radii>(input, q);
+    auto query = Lanes<T>::template query<has_radii>(input.sets, q);
     auto visit = [&](std::uint32_t begin, std::uint32_t end, int image) {
-      Lanes<T>::set_image(input, query, image);
-      search_run<T, has_radii, true>(input, query, is_own && begin <= q ? q + 1 : begin, end, hits);
+      Lanes<T>::set_image(input.sets, query, image);
+      search_run<T, has_radii, true>(input.sets, query, is_own && begin <= q ? q + 1 : begin, end, hits);
     };
     if (is_periodic) {
       visit_images(grid, k, input.cell_start, p, block.reach[i], 0, goes_round, visit);
@@ -209,7 +221,7 @@ FC_TARGET void search(const SlotSearch<T>& input, std::int64_t begin, std::int64
     }
     const int count = static_cast<int>(std::min<std::int64_t>(Block<T>::size, std::min(own_end, end) - n));
     for (int k = 0; k < grid.level_count && k <= own; ++k) {
-      if (input.targets.has_radii) {
+      if (input.sets.targets.has_radii) {
         search_level<T, true>(input, k, k == own, n, count, block, hits);
       } else {
         search_level<T, false>(input, k, k == own, n, count, block, hits);

@@ -23,7 +23,7 @@ constexpr float doubt_of_rounding = 0x1p-19f;
 float doubt_of_images(const Period& period) { return static_cast<float>((period.x + period.y + period.z) * 0x1p-21); }
 
 template <class T>
-bool is_hit(const SlotSearch<T>& input, std::uint32_t q, int image, std::uint32_t slot) {
+bool is_hit(const Compared<T>& input, std::uint32_t q, int image, std::uint32_t slot) {
   const Slots<T>&a = input.searchers, &b = input.targets;
   return is_within_reach<T>(a.position(q), a.radius(q), b.position(slot), b.radius(slot),
                             input.reach.period.shift(image), input.reach);
@@ -31,7 +31,7 @@ bool is_hit(const SlotSearch<T>& input, std::uint32_t q, int image, std::uint32_
 
 // Without the hits among `doubtful` lanes that double precision refuses.
 template <class T>
-unsigned without_misses(const SlotSearch<T>& input, std::uint32_t q, int image, std::uint32_t slot, unsigned hits,
+unsigned without_misses(const Compared<T>& input, std::uint32_t q, int image, std::uint32_t slot, unsigned hits,
                         unsigned doubtful) {
   for (; doubtful != 0; doubtful &= doubtful - 1) {
     const int lane = std::countr_zero(doubtful);
@@ -75,17 +75,17 @@ struct Lanes {
   };
 
   template <bool has_radii>
-  static Query query(const SlotSearch<T>& input, std::uint32_t q) {
+  static Query query(const Compared<T>& input, std::uint32_t q) {
     return {q, input.searchers.ids[q], no_image};
   }
-  static void set_image(const SlotSearch<T>&, Query& query, int image) { query.image = image; }
+  static void set_image(const Compared<T>&, Query& query, int image) { query.image = image; }
 
   template <bool has_radii, bool has_images>
-  static unsigned compare(const SlotSearch<T>& input, const Query& query, std::uint32_t slot, unsigned live) {
+  static unsigned compare(const Compared<T>& input, const Query& query, std::uint32_t slot, unsigned live) {
     return without_misses(input, query.index, query.image, slot, live, live);
   }
 
-  static int store(const SlotSearch<T>& input, const Query& query, std::uint32_t slot, unsigned found,
+  static int store(const Compared<T>& input, const Query& query, std::uint32_t slot, unsigned found,
                    std::uint32_t* pairs) {
     int hits = 0;
     for (; found != 0; found &= found - 1) {
@@ -133,13 +133,13 @@ struct Lanes<float> {
   struct Query {
     std::uint32_t index;
     int image;
-    __m256 x, y, z, size, near_limit, far_limit;  // size: radius + margin; limits: where slots have no radii
+    __m256 x, y, z, size;  // size: radius + margin
     __m256 shift_x, shift_y, shift_z, image_doubt;
     __m256i id;
   };
 
   template <bool has_radii>
-  FC_TARGET static Query query(const SlotSearch<float>& input, std::uint32_t q) {
+  [[gnu::always_inline]] FC_TARGET static Query query(const Compared<float>& input, std::uint32_t q) {
     const Slots<float>& from = input.searchers;
     Query query;
     query.index = q;
@@ -151,17 +151,12 @@ struct Lanes<float> {
     query.size = _mm256_set1_ps(static_cast<float>(input.reach.margin));
     if constexpr (has_radii) {
       query.size = _mm256_add_ps(query.size, _mm256_set1_ps(place[3 * from.stride]));
-    } else {
-      const __m256 limit = _mm256_mul_ps(query.size, query.size);
-      const __m256 doubt = _mm256_mul_ps(limit, _mm256_set1_ps(doubt_of_rounding));
-      query.near_limit = _mm256_add_ps(limit, doubt);
-      query.far_limit = _mm256_sub_ps(limit, doubt);
     }
     query.id = _mm256_set1_epi32(static_cast<int>(from.ids[q]));
     return query;
   }
 
-  FC_TARGET static void set_image(const SlotSearch<float>& input, Query& query, int image) {
+  FC_TARGET static void set_image(const Compared<float>& input, Query& query, int image) {
     const Point<double> shift = input.reach.period.shift(image);
     query.image = image;
     query.shift_x = _mm256_set1_ps(static_cast<float>(shift.x));
@@ -171,30 +166,26 @@ struct Lanes<float> {
   }
 
   template <bool has_radii, bool has_images>
-  FC_TARGET static unsigned compare(const SlotSearch<float>& input, const Query& query, std::uint32_t slot,
+  [[gnu::always_inline]] FC_TARGET static unsigned compare(const Compared<float>& input, const Query& query, std::uint32_t slot,
                                     unsigned live) {
     const std::int64_t stride = input.targets.stride;
     const float* place = input.targets.x + slot;
-    __m256 dx = _mm256_sub_ps(_mm256_loadu_ps(place), query.x);
-    __m256 dy = _mm256_sub_ps(_mm256_loadu_ps(place + stride), query.y);
-    __m256 dz = _mm256_sub_ps(_mm256_loadu_ps(place + 2 * stride), query.z);
+    __m256 dx = _mm256_sub_ps(query.x, _mm256_loadu_ps(place));
+    __m256 dy = _mm256_sub_ps(query.y, _mm256_loadu_ps(place + stride));
+    __m256 dz = _mm256_sub_ps(query.z, _mm256_loadu_ps(place + 2 * stride));
     if constexpr (has_images) {
-      dx = _mm256_sub_ps(dx, query.shift_x);
-      dy = _mm256_sub_ps(dy, query.shift_y);
-      dz = _mm256_sub_ps(dz, query.shift_z);
+      dx = _mm256_add_ps(dx, query.shift_x);
+      dy = _mm256_add_ps(dy, query.shift_y);
+      dz = _mm256_add_ps(dz, query.shift_z);
     }
     const __m256 squared =
         _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(dx, dx), _mm256_mul_ps(dy, dy)), _mm256_mul_ps(dz, dz));
-    __m256 near_limit = query.near_limit, far_limit = query.far_limit;
-    if constexpr (has_radii || has_images) {
-      __m256 reach = query.size;
-      if constexpr (has_radii) reach = _mm256_add_ps(reach, _mm256_loadu_ps(place + 3 * stride));
-      const __m256 limit = _mm256_mul_ps(reach, reach);
-      __m256 doubt = _mm256_mul_ps(limit, _mm256_set1_ps(doubt_of_rounding));
-      if constexpr (has_images) doubt = _mm256_add_ps(doubt, _mm256_mul_ps(reach, query.image_doubt));
-      near_limit = _mm256_add_ps(limit, doubt);
-      far_limit = _mm256_sub_ps(limit, doubt);
-    }
+    __m256 reach = query.size;
+    if constexpr (has_radii) reach = _mm256_add_ps(reach, _mm256_loadu_ps(place + 3 * stride));
+    const __m256 limit = _mm256_mul_ps(reach, reach);
+    __m256 doubt = _mm256_mul_ps(limit, _mm256_set1_ps(doubt_of_rounding));
+    if constexpr (has_images) doubt = _mm256_add_ps(doubt, _mm256_mul_ps(reach, query.image_doubt));
+    const __m256 near_limit = _mm256_add_ps(limit, doubt), far_limit = _mm256_sub_ps(limit, doubt);
     const __m256 is_near = _mm256_cmp_ps(squared, near_limit, _CMP_LE_OQ);
     const __m256 is_far = _mm256_cmp_ps(squared, far_limit, _CMP_GE_OQ);
     unsigned found = static_cast<unsigned>(_mm256_movemask_ps(is_near)) & live;
@@ -206,7 +197,7 @@ struct Lanes<float> {
   }
 
   // Up to 8 places are written.
-  FC_TARGET static int store(const SlotSearch<float>& input, const Query& query, std::uint32_t slot, unsigned found,
+  [[gnu::always_inline]] FC_TARGET static int store(const Compared<float>& input, const Query& query, std::uint32_t slot, unsigned found,
                              std::uint32_t* pairs) {
     const __m256i all = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(input.targets.ids + slot));
     _mm256_storeu_si256(reinterpret_cast<__m256i*>(pairs), query.id);
@@ -229,7 +220,7 @@ struct Lanes<double> {
   };
 
   template <bool has_radii>
-  FC_TARGET static Query query(const SlotSearch<double>& input, std::uint32_t q) {
+  [[gnu::always_inline]] FC_TARGET static Query query(const Compared<double>& input, std::uint32_t q) {
     const Slots<double>& from = input.searchers;
     Query query;
     query.index = q;
@@ -245,7 +236,7 @@ struct Lanes<double> {
     return query;
   }
 
-  FC_TARGET static void set_image(const SlotSearch<double>& input, Query& query, int image) {
+  FC_TARGET static void set_image(const Compared<double>& input, Query& query, int image) {
     const Point<double> shift = input.reach.period.shift(image);
     query.image = image;
     query.shift_x = _mm256_set1_pd(shift.x);
@@ -254,17 +245,17 @@ struct Lanes<double> {
   }
 
   template <bool has_radii, bool has_images>
-  FC_TARGET static unsigned compare(const SlotSearch<double>& input, const Query& query, std::uint32_t slot,
+  [[gnu::always_inline]] FC_TARGET static unsigned compare(const Compared<double>& input, const Query& query, std::uint32_t slot,
                                     unsigned live) {
     const std::int64_t stride = input.targets.stride;
     const double* place = input.targets.x + slot;
-    __m256d dx = _mm256_sub_pd(_mm256_loadu_pd(place), query.x);
-    __m256d dy = _mm256_sub_pd(_mm256_loadu_pd(place + stride), query.y);
-    __m256d dz = _mm256_sub_pd(_mm256_loadu_pd(place + 2 * stride), query.z);
+    __m256d dx = _mm256_sub_pd(query.x, _mm256_loadu_pd(place));
+    __m256d dy = _mm256_sub_pd(query.y, _mm256_loadu_pd(place + stride));
+    __m256d dz = _mm256_sub_pd(query.z, _mm256_loadu_pd(place + 2 * stride));
     if constexpr (has_images) {
-      dx = _mm256_sub_pd(dx, query.shift_x);
-      dy = _mm256_sub_pd(dy, query.shift_y);
-      dz = _mm256_sub_pd(dz, query.shift_z);
+      dx = _mm256_add_pd(dx, query.shift_x);
+      dy = _mm256_add_pd(dy, query.shift_y);
+      dz = _mm256_add_pd(dz, query.shift_z);
     }
     const __m256d squared =
         _mm256_add_pd(_mm256_add_pd(_mm256_mul_pd(dx, dx), _mm256_mul_pd(dy, dy)), _mm256_mul_pd(dz, dz));
@@ -278,7 +269,7 @@ struct Lanes<double> {
   }
 
   // Up to 4 places are written.
-  FC_TARGET static int store(const SlotSearch<double>& input, const Query& query, std::uint32_t slot, unsigned found,
+  [[gnu::always_inline]] FC_TARGET static int store(const Compared<double>& input, const Query& query, std::uint32_t slot, unsigned found,
                              std::uint32_t* pairs) {
     const __m256i all = _mm256_castsi128_si256(_mm_loadu_si128(reinterpret_cast<const __m128i*>(input.targets.ids + slot)));
     _mm_storeu_si128(reinterpret_cast<__m128i*>(pairs), query.id);
@@ -306,13 +297,13 @@ struct Lanes<float> {
   struct Query {
     std::uint32_t index;
     int image;
-    __m512 x, y, z, size, near_limit, far_limit;  // size: radius + margin; limits: where slots have no radii
+    __m512 x, y, z, size;  // size: radius + margin
     __m512 shift_x, shift_y, shift_z, image_doubt;
     __m512i id;
   };
 
   template <bool has_radii>
-  FC_TARGET static Query query(const SlotSearch<float>& input, std::uint32_t q) {
+  [[gnu::always_inline]] FC_TARGET static Query query(const Compared<float>& input, std::uint32_t q) {
     const Slots<float>& from = input.searchers;
     Query query;
     query.index = q;
@@ -324,17 +315,12 @@ struct Lanes<float> {
     query.size = _mm512_set1_ps(static_cast<float>(input.reach.margin));
     if constexpr (has_radii) {
       query.size = _mm512_add_ps(query.size, _mm512_set1_ps(place[3 * from.stride]));
-    } else {
-      const __m512 limit = _mm512_mul_ps(query.size, query.size);
-      const __m512 doubt = _mm512_mul_ps(limit, _mm512_set1_ps(doubt_of_rounding));
-      query.near_limit = _mm512_add_ps(limit, doubt);
-      query.far_limit = _mm512_sub_ps(limit, doubt);
     }
     query.id = _mm512_set1_epi32(static_cast<int>(from.ids[q]));
     return query;
   }
 
-  FC_TARGET static void set_image(const SlotSearch<float>& input, Query& query, int image) {
+  FC_TARGET static void set_image(const Compared<float>& input, Query& query, int image) {
     const Point<double> shift = input.reach.period.shift(image);
     query.image = image;
     query.shift_x = _mm512_set1_ps(static_cast<float>(shift.x));
@@ -344,30 +330,26 @@ struct Lanes<float> {
   }
 
   template <bool has_radii, bool has_images>
-  FC_TARGET static unsigned compare(const SlotSearch<float>& input, const Query& query, std::uint32_t slot,
+  [[gnu::always_inline]] FC_TARGET static unsigned compare(const Compared<float>& input, const Query& query, std::uint32_t slot,
                                     unsigned live) {
     const std::int64_t stride = input.targets.stride;
     const float* place = input.targets.x + slot;
-    __m512 dx = _mm512_sub_ps(_mm512_loadu_ps(place), query.x);
-    __m512 dy = _mm512_sub_ps(_mm512_loadu_ps(place + stride), query.y);
-    __m512 dz = _mm512_sub_ps(_mm512_loadu_ps(place + 2 * stride), query.z);
+    __m512 dx = _mm512_sub_ps(query.x, _mm512_loadu_ps(place));
+    __m512 dy = _mm512_sub_ps(query.y, _mm512_loadu_ps(place + stride));
+    __m512 dz = _mm512_sub_ps(query.z, _mm512_loadu_ps(place + 2 * stride));
     if constexpr (has_images) {
-      dx = _mm512_sub_ps(dx, query.shift_x);
-      dy = _mm512_sub_ps(dy, query.shift_y);
-      dz = _mm512_sub_ps(dz, query.shift_z);
+      dx = _mm512_add_ps(dx, query.shift_x);
+      dy = _mm512_add_ps(dy, query.shift_y);
+      dz = _mm512_add_ps(dz, query.shift_z);
     }
     const __m512 squared =
         _mm512_add_ps(_mm512_add_ps(_mm512_mul_ps(dx, dx), _mm512_mul_ps(dy, dy)), _mm512_mul_ps(dz, dz));
-    __m512 near_limit = query.near_limit, far_limit = query.far_limit;
-    if constexpr (has_radii || has_images) {
-      __m512 reach = query.size;
-      if constexpr (has_radii) reach = _mm512_add_ps(reach, _mm512_loadu_ps(place + 3 * stride));
-      const __m512 limit = _mm512_mul_ps(reach, reach);
-      __m512 doubt = _mm512_mul_ps(limit, _mm512_set1_ps(doubt_of_rounding));
-      if constexpr (has_images) doubt = _mm512_add_ps(doubt, _mm512_mul_ps(reach, query.image_doubt));
-      near_limit = _mm512_add_ps(limit, doubt);
-      far_limit = _mm512_sub_ps(limit, doubt);
-    }
+    __m512 reach = query.size;
+    if constexpr (has_radii) reach = _mm512_add_ps(reach, _mm512_loadu_ps(place + 3 * stride));
+    const __m512 limit = _mm512_mul_ps(reach, reach);
+    __m512 doubt = _mm512_mul_ps(limit, _mm512_set1_ps(doubt_of_rounding));
+    if constexpr (has_images) doubt = _mm512_add_ps(doubt, _mm512_mul_ps(reach, query.image_doubt));
+    const __m512 near_limit = _mm512_add_ps(limit, doubt), far_limit = _mm512_sub_ps(limit, doubt);
     unsigned found = _mm512_mask_cmp_ps_mask(static_cast<__mmask16>(live), squared, near_limit, _CMP_LE_OQ);
     const unsigned doubtful =
         _mm512_mask_cmp_ps_mask(static_cast<__mmask16>(found), squared, far_limit, _CMP_GE_OQ);
@@ -378,7 +360,7 @@ struct Lanes<float> {
   }
 
   // Up to 16 places are written.
-  FC_TARGET static int store(const SlotSearch<float>& input, const Query& query, std::uint32_t slot, unsigned found,
+  [[gnu::always_inline]] FC_TARGET static int store(const Compared<float>& input, const Query& query, std::uint32_t slot, unsigned found,
                              std::uint32_t* pairs) {
     const __m512i all = _mm512_loadu_si512(input.targets.ids + slot);
     _mm512_storeu_si512(pairs, query.id);
@@ -401,7 +383,7 @@ struct Lanes<double> {
   };
 
   template <bool has_radii>
-  FC_TARGET static Query query(const SlotSearch<double>& input, std::uint32_t q) {
+  [[gnu::always_inline]] FC_TARGET static Query query(const Compared<double>& input, std::uint32_t q) {
     const Slots<double>& from = input.searchers;
     Query query;
     query.index = q;
@@ -417,7 +399,7 @@ struct Lanes<double> {
     return query;
   }
 
-  FC_TARGET static void set_image(const SlotSearch<double>& input, Query& query, int image) {
+  FC_TARGET static void set_image(const Compared<double>& input, Query& query, int image) {
     const Point<double> shift = input.reach.period.shift(image);
     query.image = image;
     query.shift_x = _mm512_set1_pd(shift.x);
@@ -426,17 +408,17 @@ struct Lanes<double> {
   }
 
   template <bool has_radii, bool has_images>
-  FC_TARGET static unsigned compare(const SlotSearch<double>& input, const Query& query, std::uint32_t slot,
+  [[gnu::always_inline]] FC_TARGET static unsigned compare(const Compared<double>& input, const Query& query, std::uint32_t slot,
                                     unsigned live) {
     const std::int64_t stride = input.targets.stride;
     const double* place = input.targets.x + slot;
-    __m512d dx = _mm512_sub_pd(_mm512_loadu_pd(place), query.x);
-    __m512d dy = _mm512_sub_pd(_mm512_loadu_pd(place + stride), query.y);
-    __m512d dz = _mm512_sub_pd(_mm512_loadu_pd(place + 2 * stride), query.z);
+    __m512d dx = _mm512_sub_pd(query.x, _mm512_loadu_pd(place));
+    __m512d dy = _mm512_sub_pd(query.y, _mm512_loadu_pd(place + stride));
+    __m512d dz = _mm512_sub_pd(query.z, _mm512_loadu_pd(place + 2 * stride));
     if constexpr (has_images) {
-      dx = _mm512_sub_pd(dx, query.shift_x);
-      dy = _mm512_sub_pd(dy, query.shift_y);
-      dz = _mm512_sub_pd(dz, query.shift_z);
+      dx = _mm512_add_pd(dx, query.shift_x);
+      dy = _mm512_add_pd(dy, query.shift_y);
+      dz = _mm512_add_pd(dz, query.shift_z);
     }
     const __m512d squared =
         _mm512_add_pd(_mm512_add_pd(_mm512_mul_pd(dx, dx), _mm512_mul_pd(dy, dy)), _mm512_mul_pd(dz, dz));
@@ -450,7 +432,7 @@ struct Lanes<double> {
   }
 
   // Up to 8 places are written.
-  FC_TARGET static int store(const SlotSearch<double>& input, const Query& query, std::uint32_t slot, unsigned found,
+  [[gnu::always_inline]] FC_TARGET static int store(const Compared<double>& input, const Query& query, std::uint32_t slot, unsigned found,
                              std::uint32_t* pairs) {
     const __m256i all = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(input.targets.ids + slot));
     _mm256_storeu_si256(reinterpret_cast<__m256i*>(pairs), query.id);

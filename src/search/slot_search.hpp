@@ -27,13 +27,19 @@ struct Slots {
   T radius(std::int64_t slot) const { return has_radii ? x[slot + 3 * stride] : T(0); }
 };
 
+// What is compared with what. Both sets have radii, or none.
+template <class T>
+struct Compared {
+  Slots<T> searchers, targets;
+  Reach reach;
+};
+
 template <class T>
 struct SlotSearch {
   SearchGrid<T> grid;
   const std::uint32_t* cell_start;  // one more than cells
-  Slots<T> searchers, targets;      // the same where they are the same set; both have radii, or none
+  Compared<T> sets;                 // twice the same where there is one
   bool is_one_set;
-  Reach reach;
 };
 
 // Takes `count` hits: the ids of the sphere that searched and of the one that it found.
