@@ -103,12 +103,12 @@ FC_TARGET void search_kind(const SlotSearch<T>& input, const Level<T>& level, co
   const std::int64_t row = level.x.cells;
   hits.make_room(runs * width * count);
   std::uint32_t* pairs = hits.pairs + hits.count;
-  std::uint16_t rests[runs * Block<T>::size + 1];
-  std::uint16_t* rest = rests;
+  std::uint8_t long_runs[Block<T>::size] = {};  // of each member, a bit for each run with more slots than lanes
   for (int m = 0; m < count; ++m) {
     const int i = members[m];
     const auto q = static_cast<std::uint32_t>(n + i);
     const auto query = Lanes<T>::template query<has_radii>(sets, q);
+    unsigned are_long = 0;
 #pragma GCC unroll 4
     for (int r = 0; r < runs; ++r) {
       const auto [begin, end] = run_of<T, is_own, more_rows>(block, cell_start, row, i, q, r);
@@ -116,17 +116,21 @@ FC_TARGET void search_kind(const SlotSearch<T>& input, const Level<T>& level, co
       const std::uint32_t live = length < width ? length : width;
       const unsigned found = Lanes<T>::template compare<has_radii, false>(sets, query, begin, (1u << live) - 1u);
       pairs += Lanes<T>::store(sets, query, begin, found, pairs);
-      *rest = static_cast<std::uint16_t>(i + Block<T>::size * r);
-      rest += length > width ? 1 : 0;
+      are_long |= (length > width ? 1u : 0u) << r;
     }
+    long_runs[m] = static_cast<std::uint8_t>(are_long);
   }
   hits.count = pairs - hits.pairs;
-  for (const std::uint16_t* one = rests; one < rest; ++one) {
-    const int i = *one % Block<T>::size, r = *one / Block<T>::size;
-    const auto q = static_cast<std::uint32_t>(n + i);
-    const auto [begin, end] = run_of<T, is_own, more_rows>(block, cell_start, row, i, q, r);
-    const auto query = Lanes<T>::template query<has_radii>(sets, q);
-    search_run<T, has_radii, false>(sets, query, begin + width, end, hits);
+  for (int m = 0; m < count; m += 8) {
+    std::uint64_t marks;
+    std::memcpy(&marks, long_runs + m, sizeof marks);
+    for (; marks != 0; marks &= marks - 1) {
+      const int bit = std::countr_zero(marks), i = members[m + bit / 8], r = bit % 8;
+      const auto q = static_cast<std::uint32_t>(n + i);
+      const auto [begin, end] = run_of<T, is_own, more_rows>(block, cell_start, row, i, q, r);
+      const auto query = Lanes<T>::template query<has_radii>(sets, q);
+      search_run<T, has_radii, false>(sets, query, begin + width, end, hits);
+    }
   }
 }
 
@@ -134,14 +138,16 @@ template <class T, bool has_radii, bool is_own>
 FC_TARGET void search_block(const SlotSearch<T>& input, const Level<T>& level, std::int64_t n, int count,
                             Block<T>& block, HitBuffer& hits) {
   std::uint8_t members[kinds + 1][Block<T>::size];
-  int member_count[kinds + 1] = {};
+  std::uint64_t counts = 0;  // of each kind, in a byte
   for (int i = 0; i < count; ++i) {
-    const int kind = block.kind[i];
-    members[kind][member_count[kind]++] = static_cast<std::uint8_t>(i);
+    const int byte = 8 * block.kind[i];
+    members[block.kind[i]][counts >> byte & 0xFF] = static_cast<std::uint8_t>(i);
+    counts += std::uint64_t(1) << byte;
   }
+  const auto count_of = [counts](int kind) { return static_cast<int>(counts >> 8 * kind & 0xFF); };
 #define FC_KIND(more, next)                                                                                     \
   search_kind<T, has_radii, is_own, more, next>(input, level, block, n, members[3 * (more) + (next)],          \
-                                                member_count[3 * (more) + (next)], hits)
+                                                count_of(3 * (more) + (next)), hits)
   FC_KIND(0, 0);
   FC_KIND(0, 1);
   FC_KIND(0, 2);
@@ -149,7 +155,7 @@ FC_TARGET void search_block(const SlotSearch<T>& input, const Level<T>& level, s
   FC_KIND(1, 1);
   FC_KIND(1, 2);
 #undef FC_KIND
-  for (int m = 0; m < member_count[other_kind]; ++m) {
+  for (int m = 0; m < count_of(other_kind); ++m) {
     const int i = members[other_kind][m];
     const auto q = static_cast<std::uint32_t>(n + i);
     const auto query = Lanes<T>::template query<has_radii>(input.sets, q);
