@@ -31,18 +31,22 @@ class BucketSort {
  public:
   explicit BucketSort(CpuBackend& backend) : words_(backend) {}
 
-  // part(slab) gives the words of a slab, as a pair of pointers; finish(first_key, end_key, first_place, begin, end)
-  // gets the words of each bucket, in the order of the slabs, with the place of the first among all.
-  template <class Part, class Finish>
+  // Adds to `counts` the words of each bucket.
+  static void count(const Buckets& buckets, const std::uint64_t* begin, const std::uint64_t* end, std::int64_t* counts) {
+    for (const std::uint64_t* word = begin; word != end; ++word) ++counts[key_of(*word) >> buckets.shift];
+  }
+
+  // count_part(slab, counts) adds the words of a slab to those of each bucket, and may write them before; part(slab)
+  // gives them, as a pair of pointers; finish(first_key, end_key, first_place, begin, end) gets the words of each bucket,
+  // in the order of the slabs, with the place of the first among all.
+  template <class CountPart, class Part, class Finish>
   void sort(const Slabs& slabs, const Buckets& buckets, std::int64_t key_count, int parts, std::int64_t words,
-            const Part& part, const Finish& finish) {
+            const CountPart& count_part, const Part& part, const Finish& finish) {
     const auto bucket_count = static_cast<std::size_t>(buckets.count);
     places_.assign(static_cast<std::size_t>(parts) * bucket_count, 0);
     words_.resize(words);
     slabs.run(parts, parts, [&](int slab, std::int64_t, std::int64_t) {
-      std::int64_t* count = places_.data() + static_cast<std::size_t>(slab) * bucket_count;
-      const auto [begin, end] = part(slab);
-      for (const std::uint64_t* word = begin; word != end; ++word) ++count[key_of(*word) >> buckets.shift];
+      count_part(slab, places_.data() + static_cast<std::size_t>(slab) * bucket_count);
     });
     starts_.resize(bucket_count + 1);
     std::int64_t place = 0;

@@ -71,18 +71,23 @@ class CpuSearcher {
     refuse_if_too_many(total);
     const Columns columns = allocate(total);
     const Buckets buckets(row_count, std::max(total, row_count));
+    const auto part = [&](int slab) {
+      const WordList& list = found_[static_cast<std::size_t>(slab)];
+      return std::pair(list.words.data(), list.words.data() + list.size);
+    };
     sort_.sort(
         slabs_, buckets, row_count, static_cast<int>(found_.size()), total,
-        [&](int slab) {
-          const WordList& list = found_[static_cast<std::size_t>(slab)];
-          return std::pair(list.words.data(), list.words.data() + list.size);
+        [&](int slab, std::int64_t* counts) {
+          const auto [begin, end] = part(slab);
+          BucketSort::count(buckets, begin, end, counts);
         },
+        part,
         [&](std::int64_t first_row, std::int64_t end_row, std::int64_t place, const std::uint64_t* begin,
             const std::uint64_t* end) {
           thread_local std::vector<std::uint64_t> sorted;
           lay_out_rows(first_row, end_row, place, begin, end, sorted, offsets, columns);
         });
-    offsets[row_count] = total;
+    offsets[0] = 0;
     return total;
   }
 
@@ -169,80 +174,87 @@ class CpuSearcher {
     to.cell_start.resize(std::int64_t(grid.cell_count) + 1);
     cell_words_.resize(n);
     const int parts = slabs_.count(n, 4096, 2);
-    slabs_.run(parts, n, [&](int, std::int64_t begin, std::int64_t end) {
-      std::uint64_t* words = cell_words_.data();
-      if (grid.level_count == 1) return number_cells(spheres, grid.levels[0], begin, end, words);
-      for (std::int64_t i = begin; i < end; ++i) {
-        const int k = are_searchers ? grid.level_count - 1 : level_of(spheres.radius(i), grid);
-        words[i] = word_of(cell_of(spheres.position(i), grid.levels[k]), static_cast<std::uint32_t>(i));
-      }
-    });
     const Buckets buckets(grid.cell_count, n);
+    const auto part = [&](int slab) {
+      std::uint64_t* words = cell_words_.data();
+      return std::pair(words + n * slab / parts, words + n * (slab + 1) / parts);
+    };
     sort_.sort(
         slabs_, buckets, grid.cell_count, parts, n,
-        [&](int slab) {
-          const std::uint64_t* words = cell_words_.data();
-          return std::pair(words + n * slab / parts, words + n * (slab + 1) / parts);
+        [&](int slab, std::int64_t* counts) {
+          // Block by block, so that words are counted while they are in the cache.
+          constexpr std::int64_t block = 64;
+          const auto [begin, end] = part(slab);
+          for (std::uint64_t* words = begin; words < end; words += block) {
+            const std::int64_t first = words - cell_words_.data(), count = std::min<std::int64_t>(block, end - words);
+            if (grid.level_count == 1) {
+              number_cells<block>(spheres, grid.levels[0], first, count, words);
+            } else {
+              for (std::int64_t i = first; i < first + count; ++i) {
+                const int k = are_searchers ? grid.level_count - 1 : level_of(spheres.radius(i), grid);
+                words[i - first] = word_of(cell_of(spheres.position(i), grid.levels[k]), static_cast<std::uint32_t>(i));
+              }
+            }
+            BucketSort::count(buckets, words, words + count, counts);
+          }
         },
+        part,
         [&](std::int64_t first_cell, std::int64_t end_cell, std::int64_t place, const std::uint64_t* begin,
             const std::uint64_t* end) {
-          std::uint32_t* starts = to.cell_start.data();
-          std::fill(starts + first_cell, starts + end_cell, 0u);
-          for (const std::uint64_t* word = begin; word != end; ++word) ++starts[key_of(*word)];
-          auto next = static_cast<std::uint32_t>(place);
+          // While a cell's spheres are placed, the start of the next one is where the next sphere goes.
+          std::uint32_t* next = to.cell_start.data() + 1;
+          std::fill(next + first_cell, next + end_cell, 0u);
+          for (const std::uint64_t* word = begin; word != end; ++word) ++next[key_of(*word)];
+          auto sum = static_cast<std::uint32_t>(place);
           for (std::int64_t cell = first_cell; cell < end_cell; ++cell) {
-            const std::uint32_t count = starts[cell];
-            starts[cell] = next;
-            next += count;
+            const std::uint32_t count = next[cell];
+            next[cell] = sum;
+            sum += count;
           }
+          std::uint32_t* ids = to.ids.data();
+          T* numbers = to.numbers.data();
+          const std::int64_t stride = to.stride;
           for (const std::uint64_t* word = begin; word != end; ++word) {
             if (end - word > far_ahead) spheres.fetch(static_cast<std::uint32_t>(word[far_ahead]));
-            const std::uint32_t slot = starts[key_of(*word)]++, id = static_cast<std::uint32_t>(*word);
+            const std::uint32_t slot = next[key_of(*word)]++, id = static_cast<std::uint32_t>(*word);
             const Point<T> p = spheres.position(id);
-            to.ids.data()[slot] = id;
-            T* place = to.numbers.data() + slot;
-            place[0] = p.x;
-            place[to.stride] = p.y;
-            place[2 * to.stride] = p.z;
-            if (to.has_radii) place[3 * to.stride] = spheres.radius(id);
+            ids[slot] = id;
+            numbers[slot] = p.x;
+            numbers[slot + stride] = p.y;
+            numbers[slot + 2 * stride] = p.z;
+            if (has_radii) numbers[slot + 3 * stride] = spheres.radius(id);
           }
-          // Each start has moved on to the next one: move them back.
-          for (std::int64_t cell = end_cell - 1; cell > first_cell; --cell) starts[cell] = starts[cell - 1];
-          starts[first_cell] = static_cast<std::uint32_t>(place);
         });
-    to.cell_start.data()[grid.cell_count] = static_cast<std::uint32_t>(n);
+    to.cell_start.data()[0] = 0;
   }
 
-  // Block by block, in loops that compilers turn into vector instructions.
-  static void number_cells(const SpheresIn<T>& spheres, const Level<T>& level, std::int64_t begin, std::int64_t end,
+  // Of up to `block` spheres, in loops that compilers turn into vector instructions.
+  template <std::int64_t block>
+  static void number_cells(const SpheresIn<T>& spheres, const Level<T>& level, std::int64_t first, std::int64_t count,
                            std::uint64_t* words) {
-    constexpr std::int64_t block = 64;
     std::array<T, block> x, y, z;
     std::array<int, block> cell_x, cell_y, cell_z;
-    for (; begin < end; begin += block) {
-      const std::int64_t count = std::min(block, end - begin);
-      for (std::int64_t i = 0; i < count; ++i) {
-        const Point<T> p = spheres.position(begin + i);
-        x[i] = p.x;
-        y[i] = p.y;
-        z[i] = p.z;
+    for (std::int64_t i = 0; i < count; ++i) {
+      const Point<T> p = spheres.position(first + i);
+      x[i] = p.x;
+      y[i] = p.y;
+      z[i] = p.z;
+    }
+    const auto find_cells = [count](const CellAxis<T>& axis, const auto& places, auto& cells) {
+      if (axis.goes_round) {
+        for (std::int64_t i = 0; i < count; ++i) cells[i] = cell_at(places[i], axis);
+      } else {
+        for (std::int64_t i = 0; i < count; ++i) cells[i] = clamped_cell(places[i], axis);
       }
-      const auto find_cells = [count](const CellAxis<T>& axis, const auto& places, auto& cells) {
-        if (axis.goes_round) {
-          for (std::int64_t i = 0; i < count; ++i) cells[i] = cell_at(places[i], axis);
-        } else {
-          for (std::int64_t i = 0; i < count; ++i) cells[i] = clamped_cell(places[i], axis);
-        }
-      };
-      find_cells(level.x, x, cell_x);
-      find_cells(level.y, y, cell_y);
-      find_cells(level.z, z, cell_z);
-      for (std::int64_t i = 0; i < count; ++i) {
-        const auto cell = static_cast<std::uint32_t>(cell_x[i]) +
-                          static_cast<std::uint32_t>(level.x.cells) *
-                              static_cast<std::uint32_t>(cell_y[i] + level.y.cells * cell_z[i]);
-        words[begin + i] = word_of(level.first_cell + cell, static_cast<std::uint32_t>(begin + i));
-      }
+    };
+    find_cells(level.x, x, cell_x);
+    find_cells(level.y, y, cell_y);
+    find_cells(level.z, z, cell_z);
+    for (std::int64_t i = 0; i < count; ++i) {
+      const auto cell = static_cast<std::uint32_t>(cell_x[i]) +
+                        static_cast<std::uint32_t>(level.x.cells) *
+                            static_cast<std::uint32_t>(cell_y[i] + level.y.cells * cell_z[i]);
+      words[i] = word_of(level.first_cell + cell, static_cast<std::uint32_t>(first + i));
     }
   }
 
@@ -251,21 +263,20 @@ class CpuSearcher {
                            const std::uint64_t* end, std::vector<std::uint64_t>& sorted, std::int64_t* offsets,
                            const Columns& to) {
     sorted.resize(static_cast<std::size_t>(end - begin));
-    std::fill(offsets + first_row, offsets + end_row, 0);
-    for (const std::uint64_t* word = begin; word != end; ++word) ++offsets[key_of(*word)];
-    std::int64_t next = 0, longest = 0;
+    // While a row's words are placed, the offset of the next one is where the next word of the row goes.
+    std::int64_t* next = offsets + 1;
+    std::fill(next + first_row, next + end_row, 0);
+    for (const std::uint64_t* word = begin; word != end; ++word) ++next[key_of(*word)];
+    std::int64_t sum = place, longest = 0;
     for (std::int64_t row = first_row; row < end_row; ++row) {
-      const std::int64_t count = offsets[row];
+      const std::int64_t count = next[row];
       longest = std::max(longest, count);
-      offsets[row] = next;
-      next += count;
+      next[row] = sum;
+      sum += count;
     }
     for (const std::uint64_t* word = begin; word != end; ++word) {
-      sorted[static_cast<std::size_t>(offsets[key_of(*word)]++)] = *word;
+      sorted[static_cast<std::size_t>(next[key_of(*word)]++ - place)] = *word;
     }
-    // Each offset has moved on to the next one: move it back, to its place among all.
-    for (std::int64_t row = end_row - 1; row > first_row; --row) offsets[row] = place + offsets[row - 1];
-    offsets[first_row] = place;
 
     // The words are in the order of their rows; in each row those of a few must change places.
     constexpr std::int64_t many = 32;
