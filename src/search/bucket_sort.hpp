@@ -14,15 +14,16 @@ namespace fastcollide::search {
 constexpr std::uint64_t word_of(std::uint32_t key, std::uint32_t value) { return std::uint64_t(key) << 32 | value; }
 constexpr std::uint32_t key_of(std::uint64_t word) { return static_cast<std::uint32_t>(word >> 32); }
 
-// Keys are 0 ... key_count - 1; a bucket has 2^shift of them.
+// Keys are 0 ... key_count - 1; a bucket has 2^shift of them, so many that what is done in it stays in the cache.
 struct Buckets {
   int shift, count;
 
-  Buckets(std::int64_t key_count, std::int64_t words) {
-    constexpr int words_in_bucket_bits = 8, most_bits = 11;
-    const int bits = std::clamp(
-        static_cast<int>(std::bit_width(static_cast<std::uint64_t>(words))) - words_in_bucket_bits, 0, most_bits);
-    shift = std::max(0, static_cast<int>(std::bit_width(static_cast<std::uint64_t>(key_count - 1))) - bits);
+  explicit Buckets(std::int64_t key_count) {
+    constexpr int keys_in_bucket_bits = 8, most_bits = 11;
+    // Some buckets even where there are few keys: what belongs to each may be much.
+    const int key_bits = std::max(1, static_cast<int>(std::bit_width(static_cast<std::uint64_t>(key_count - 1))));
+    const int bits = std::clamp(key_bits - keys_in_bucket_bits, std::min(key_bits, 5), most_bits);
+    shift = key_bits - bits;
     count = static_cast<int>((key_count - 1) >> shift) + 1;
   }
 };

@@ -8,6 +8,7 @@
 #include "problem.hpp"
 #include "slot_search.hpp"
 #include "survey.hpp"
+#include "word_lists.hpp"
 
 namespace fastcollide::search {
 
@@ -59,36 +60,12 @@ class CpuSearcher {
   template <class Refuse, class Allocate>
   std::int64_t find(const Problem<T>& problem, Rows rows, std::int64_t* offsets, const Refuse& refuse_if_too_many,
                     const Allocate& allocate) {
-    const std::int64_t row_count = problem.spheres.count;
-    if (!collect(problem, rows, many_words)) {
-      // So long a list may be longer than the memory: it is counted before it is written.
-      for (WordList& list : found_) list = WordList(backend_);
-      refuse_if_too_many(count(problem) * (problem.is_one_set && rows == Rows::both ? 2 : 1));
-      collect(problem, rows, std::numeric_limits<std::int64_t>::max());
-    }
-    std::int64_t total = 0;
-    for (const WordList& list : found_) total += list.size;
-    refuse_if_too_many(total);
-    const Columns columns = allocate(total);
-    const Buckets buckets(row_count, std::max(total, row_count));
-    const auto part = [&](int slab) {
-      const WordList& list = found_[static_cast<std::size_t>(slab)];
-      return std::pair(list.words.data(), list.words.data() + list.size);
-    };
-    sort_.sort(
-        slabs_, buckets, row_count, static_cast<int>(found_.size()), total,
-        [&](int slab, std::int64_t* counts) {
-          const auto [begin, end] = part(slab);
-          BucketSort::count(buckets, begin, end, counts);
-        },
-        part,
-        [&](std::int64_t first_row, std::int64_t end_row, std::int64_t place, const std::uint64_t* begin,
-            const std::uint64_t* end) {
-          thread_local std::vector<std::uint64_t> sorted;
-          lay_out_rows(first_row, end_row, place, begin, end, sorted, offsets, columns);
-        });
-    offsets[0] = 0;
-    return total;
+    // A word has a row, counted from the first of its bucket, and a column: mostly 32 bits are enough for both.
+    const Buckets buckets(problem.spheres.count);
+    const int column_bits = std::bit_width(static_cast<std::uint64_t>(problem.targets.count - 1));
+    return buckets.shift + column_bits <= 32
+               ? find(problem, rows, {buckets, column_bits}, short_lists_, offsets, refuse_if_too_many, allocate)
+               : find(problem, rows, {buckets, 32}, long_lists_, offsets, refuse_if_too_many, allocate);
   }
 
  private:
@@ -104,64 +81,111 @@ class CpuSearcher {
     Slots<T> slots() const { return {numbers.data(), stride, has_radii, ids.data()}; }
   };
 
+  struct WordFormat {
+    Buckets buckets;
+    int column_bits;
+  };
+
   static constexpr std::int64_t many_words = std::int64_t(1) << 26;
 
-  struct WordList {
-    explicit WordList(CpuBackend& backend) : words(backend) {}
-
-    std::uint64_t* grow(std::int64_t more) {
-      const std::int64_t before = size;
-      size += more;
-      if (size > words.size()) words.resize(std::max(size, 2 * words.size()));
-      return words.data() + before;
+  template <class Word, class Refuse, class Allocate>
+  std::int64_t find(const Problem<T>& problem, Rows rows, const WordFormat& format, std::vector<WordLists<Word>>& lists,
+                    std::int64_t* offsets, const Refuse& refuse_if_too_many, const Allocate& allocate) {
+    std::int64_t total = collect(problem, rows, format, lists, many_words);
+    if (total > many_words) {
+      // So long a list may be longer than the memory: it is counted before it is written.
+      for (WordLists<Word>& list : lists) list.release();
+      refuse_if_too_many(count(problem) * (problem.is_one_set && rows == Rows::both ? 2 : 1));
+      total = collect(problem, rows, format, lists, std::numeric_limits<std::int64_t>::max());
     }
-
-    CpuBackend::Buffer<std::uint64_t> words;
-    std::int64_t size = 0;
-  };
+    refuse_if_too_many(total);
+    const Columns columns = allocate(total);
+    const Buckets& buckets = format.buckets;
+    places_.resize(static_cast<std::size_t>(buckets.count) + 1);
+    std::int64_t place = 0;
+    for (std::int64_t bucket = 0; bucket < buckets.count; ++bucket) {
+      places_[static_cast<std::size_t>(bucket)] = place;
+      for (const WordLists<Word>& list : lists) place += list.count(bucket);
+    }
+    places_[static_cast<std::size_t>(buckets.count)] = place;
+    slabs_.run(slabs_.count(buckets.count, 4, 4), buckets.count, [&](int, std::int64_t begin, std::int64_t end) {
+      std::vector<Word> words, sorted;
+      for (std::int64_t bucket = begin; bucket < end; ++bucket) {
+        const std::int64_t first = places_[static_cast<std::size_t>(bucket)],
+                           words_here = places_[static_cast<std::size_t>(bucket) + 1] - first;
+        if (static_cast<std::int64_t>(words.size()) < words_here) {
+          words.resize(static_cast<std::size_t>(words_here + words_here / 4));
+          sorted.resize(words.size());
+        }
+        Word* to = words.data();
+        for (const WordLists<Word>& list : lists) to = list.copy(bucket, to);
+        lay_out_rows(bucket << buckets.shift, std::min((bucket + 1) << buckets.shift, problem.spheres.count), first,
+                     format.column_bits, words.data(), to, sorted.data(), offsets, columns);
+      }
+    });
+    offsets[0] = 0;
+    return total;
+  }
 
   int search_slabs(const Problem<T>& problem) const { return slabs_.count(problem.spheres.count, 512, 8); }
 
-  // make_sink(slab) gives what receives the hits of a slab.
+  int workers(const Problem<T>& problem) const { return std::min(backend_.threads(), search_slabs(problem)); }
+
+  // make_sink(worker) gives what receives the hits of a worker; each takes the next slab until none is left.
   template <class MakeSink>
   void search(const Problem<T>& problem, const MakeSink& make_sink) {
     const Order& from = problem.is_one_set ? targets_ : searchers_;
     const SlotSearch<T> input{
         problem.grid, targets_.cell_start.data(), {from.slots(), targets_.slots(), problem.reach}, problem.is_one_set};
-    slabs_.run(search_slabs(problem), problem.spheres.count, [&](int slab, std::int64_t begin, std::int64_t end) {
-      auto sink = make_sink(slab);
+    const std::int64_t n = problem.spheres.count, slabs = search_slabs(problem);
+    const int workers = this->workers(problem);
+    std::atomic<std::int64_t> next = 0;
+    slabs_.run(workers, workers, [&](int worker, std::int64_t, std::int64_t) {
+      auto sink = make_sink(worker);
       using Sink = decltype(sink);
       const auto take = [](void* context, std::int64_t hits, const std::uint32_t* searchers,
                            const std::uint32_t* found) { (*static_cast<Sink*>(context))(hits, searchers, found); };
-      search_slots_(input, begin, end, {&sink, take});
+      for (std::int64_t slab; (slab = next++) < slabs;) {
+        search_slots_(input, n * slab / slabs, n * (slab + 1) / slabs, {&sink, take});
+      }
     });
   }
 
-  // Writes a word for each entry of a row, slab by slab. False, and given up, if there are more than `most`.
-  bool collect(const Problem<T>& problem, Rows rows, std::int64_t most) {
+  // Writes a word for each entry of a row, and returns their number. Gives up if there are more than `most`.
+  template <class Word>
+  std::int64_t collect(const Problem<T>& problem, Rows rows, const WordFormat& format,
+                       std::vector<WordLists<Word>>& lists, std::int64_t most) {
     const bool both = problem.is_one_set && rows == Rows::both, is_one_set = problem.is_one_set;
-    const int slabs = search_slabs(problem);
-    while (static_cast<int>(found_.size()) < slabs) found_.emplace_back(backend_);
-    for (WordList& list : found_) list.size = 0;
+    const int workers = this->workers(problem);
+    while (static_cast<int>(lists.size()) < workers) lists.emplace_back(backend_);
+    for (WordLists<Word>& list : lists) list.clear(format.buckets.count);
     std::atomic<std::int64_t> written = 0;
-    search(problem, [&, most](int slab) {
-      WordList* list = &found_[static_cast<std::size_t>(slab)];
-      return [=, &written](std::int64_t hits, const std::uint32_t* searchers, const std::uint32_t* found) {
+    search(problem, [&, most](int worker) {
+      return [=, &written, list = &lists[static_cast<std::size_t>(worker)], shift = format.buckets.shift,
+              mask = (std::uint32_t(1) << format.buckets.shift) - 1, column_bits = format.column_bits](
+                 std::int64_t hits, const std::uint32_t* searchers, const std::uint32_t* found) {
         const std::int64_t added = both ? 2 * hits : hits;
         if (written.fetch_add(added, std::memory_order_relaxed) > most) return;
-        std::uint64_t* words = list->grow(added);
+        const auto add = [&](std::uint32_t row, std::uint32_t column) {
+          list->add(row >> shift, static_cast<Word>(static_cast<Word>(row & mask) << column_bits | column));
+        };
         for (std::int64_t k = 0; k < hits; ++k) {
           const std::uint32_t i = searchers[k], j = found[k];
           if (both) {
-            words[2 * k] = word_of(i, j);
-            words[2 * k + 1] = word_of(j, i);
+            add(i, j);
+            add(j, i);
           } else {
-            words[k] = is_one_set ? word_of(std::min(i, j), std::max(i, j)) : word_of(i, j);
+            add(is_one_set ? std::min(i, j) : i, is_one_set ? std::max(i, j) : j);
           }
         }
       };
     });
-    return written <= most;
+    if (written <= most) {
+      const int list_count = static_cast<int>(lists.size());
+      slabs_.run(list_count, list_count,
+                 [&](int list, std::int64_t, std::int64_t) { lists[static_cast<std::size_t>(list)].close(); });
+    }
+    return written;
   }
 
   // Sorts spheres by (cell, index) and copies them there. Searchers have no level of their own: the finest serves.
@@ -174,7 +198,7 @@ class CpuSearcher {
     to.cell_start.resize(std::int64_t(grid.cell_count) + 1);
     cell_words_.resize(n);
     const int parts = slabs_.count(n, 4096, 2);
-    const Buckets buckets(grid.cell_count, n);
+    const Buckets buckets(grid.cell_count);
     const auto part = [&](int slab) {
       std::uint64_t* words = cell_words_.data();
       return std::pair(words + n * slab / parts, words + n * (slab + 1) / parts);
@@ -258,46 +282,45 @@ class CpuSearcher {
     }
   }
 
-  // The words of a bucket in order: the offsets of its rows, and what each word says.
-  static void lay_out_rows(std::int64_t first_row, std::int64_t end_row, std::int64_t place, const std::uint64_t* begin,
-                           const std::uint64_t* end, std::vector<std::uint64_t>& sorted, std::int64_t* offsets,
-                           const Columns& to) {
-    sorted.resize(static_cast<std::size_t>(end - begin));
+  // The words of a bucket in order: the offsets of its rows, and what each word says. `sorted`: as much room.
+  template <class Word>
+  static void lay_out_rows(std::int64_t first_row, std::int64_t end_row, std::int64_t place, int column_bits,
+                           const Word* begin, const Word* end, Word* sorted, std::int64_t* offsets, const Columns& to) {
     // While a row's words are placed, the offset of the next one is where the next word of the row goes.
-    std::int64_t* next = offsets + 1;
-    std::fill(next + first_row, next + end_row, 0);
-    for (const std::uint64_t* word = begin; word != end; ++word) ++next[key_of(*word)];
+    std::int64_t* next = offsets + first_row + 1;
+    const std::int64_t rows = end_row - first_row, words = end - begin;
+    std::fill(next, next + rows, 0);
+    for (const Word* word = begin; word != end; ++word) ++next[*word >> column_bits];
     std::int64_t sum = place, longest = 0;
-    for (std::int64_t row = first_row; row < end_row; ++row) {
+    for (std::int64_t row = 0; row < rows; ++row) {
       const std::int64_t count = next[row];
       longest = std::max(longest, count);
       next[row] = sum;
       sum += count;
     }
-    for (const std::uint64_t* word = begin; word != end; ++word) {
-      sorted[static_cast<std::size_t>(next[key_of(*word)]++ - place)] = *word;
-    }
+    for (const Word* word = begin; word != end; ++word) sorted[next[*word >> column_bits]++ - place] = *word;
 
     // The words are in the order of their rows; in each row those of a few must change places.
     constexpr std::int64_t many = 32;
     if (longest > many) {
-      std::sort(sorted.begin(), sorted.end());
+      std::sort(sorted, sorted + words);
     } else {
-      sort_nearly_sorted(sorted);
+      sort_nearly_sorted(sorted, words);
     }
-    for (std::size_t k = 0; k < sorted.size(); ++k) {
-      to.columns[place + static_cast<std::int64_t>(k)] = static_cast<std::int32_t>(sorted[k] & 0xFFFFFFFFu);
-    }
+    const Word column_mask = static_cast<Word>((std::uint64_t(1) << column_bits) - 1);
+    for (std::int64_t k = 0; k < words; ++k) to.columns[place + k] = static_cast<std::int32_t>(sorted[k] & column_mask);
     if (to.rows == nullptr) return;
-    for (std::size_t k = 0; k < sorted.size(); ++k) {
-      to.rows[place + static_cast<std::int64_t>(k)] = static_cast<std::int32_t>(key_of(sorted[k]));
+    const auto first = static_cast<std::uint32_t>(first_row);
+    for (std::int64_t k = 0; k < words; ++k) {
+      to.rows[place + k] = static_cast<std::int32_t>(static_cast<std::uint32_t>(sorted[k] >> column_bits) + first);
     }
   }
 
-  static void sort_nearly_sorted(std::vector<std::uint64_t>& words) {
-    for (std::size_t place = 1; place < words.size(); ++place) {
-      const std::uint64_t held = words[place];
-      std::size_t hole = place;
+  template <class Word>
+  static void sort_nearly_sorted(Word* words, std::int64_t count) {
+    for (std::int64_t place = 1; place < count; ++place) {
+      const Word held = words[place];
+      std::int64_t hole = place;
       for (; hole > 0 && words[hole - 1] > held; --hole) words[hole] = words[hole - 1];
       words[hole] = held;
     }
@@ -309,7 +332,9 @@ class CpuSearcher {
   Order targets_{backend_}, searchers_{backend_};
   CpuBackend::Buffer<std::uint64_t> cell_words_{backend_};
   BucketSort sort_{backend_};
-  std::vector<WordList> found_;
+  std::vector<WordLists<std::uint32_t>> short_lists_;  // of each worker
+  std::vector<WordLists<std::uint64_t>> long_lists_;
+  std::vector<std::int64_t> places_;  // of the first word of each bucket, among all
 };
 
 }  // namespace fastcollide::search
