@@ -3,16 +3,11 @@
 #pragma once
 
 #include <bit>
-#include <cstring>
 
 #include "../backend/cpu.hpp"
 #include "slabs.hpp"
 
 namespace fastcollide::search {
-
-// 64-bit words whose upper half is the key.
-constexpr std::uint64_t word_of(std::uint32_t key, std::uint32_t value) { return std::uint64_t(key) << 32 | value; }
-constexpr std::uint32_t key_of(std::uint64_t word) { return static_cast<std::uint32_t>(word >> 32); }
 
 // Keys are 0 ... key_count - 1; a bucket has 2^shift of them, so many that what is done in it stays in the cache.
 struct Buckets {
@@ -28,24 +23,20 @@ struct Buckets {
   }
 };
 
+template <class Entry>
 class BucketSort {
  public:
-  explicit BucketSort(CpuBackend& backend) : words_(backend) {}
+  explicit BucketSort(CpuBackend& backend) : entries_(backend) {}
 
-  // Adds to `counts` the words of each bucket.
-  static void count(const Buckets& buckets, const std::uint64_t* begin, const std::uint64_t* end, std::int64_t* counts) {
-    for (const std::uint64_t* word = begin; word != end; ++word) ++counts[key_of(*word) >> buckets.shift];
-  }
-
-  // count_part(slab, counts) adds the words of a slab to those of each bucket, and may write them before; part(slab)
-  // gives them, as a pair of pointers; finish(first_key, end_key, first_place, begin, end) gets the words of each bucket,
-  // in the order of the slabs, with the place of the first among all.
-  template <class CountPart, class Part, class Finish>
-  void sort(const Slabs& slabs, const Buckets& buckets, std::int64_t key_count, int parts, std::int64_t words,
-            const CountPart& count_part, const Part& part, const Finish& finish) {
+  // count_part(slab, counts) adds the entries of a slab to those of each bucket; move_part(slab, next, entries) writes each
+  // entry to the next place of its bucket, which moves on; finish(first_key, end_key, first_place, begin, end) gets the
+  // entries of each bucket, in the order of the slabs, with the place of the first among all.
+  template <class CountPart, class MovePart, class Finish>
+  void sort(const Slabs& slabs, const Buckets& buckets, std::int64_t key_count, int parts, std::int64_t count,
+            const CountPart& count_part, const MovePart& move_part, const Finish& finish) {
     const auto bucket_count = static_cast<std::size_t>(buckets.count);
     places_.assign(static_cast<std::size_t>(parts) * bucket_count, 0);
-    words_.resize(words);
+    entries_.resize(count);
     slabs.run(parts, parts, [&](int slab, std::int64_t, std::int64_t) {
       count_part(slab, places_.data() + static_cast<std::size_t>(slab) * bucket_count);
     });
@@ -55,31 +46,28 @@ class BucketSort {
       starts_[bucket] = place;
       for (int slab = 0; slab < parts; ++slab) {
         std::int64_t& here = places_[static_cast<std::size_t>(slab) * bucket_count + bucket];
-        const std::int64_t count = here;
+        const std::int64_t entries = here;
         here = place;
-        place += count;
+        place += entries;
       }
     }
     starts_[bucket_count] = place;
     slabs.run(parts, parts, [&](int slab, std::int64_t, std::int64_t) {
-      std::int64_t* next = places_.data() + static_cast<std::size_t>(slab) * bucket_count;
-      std::uint64_t* to = words_.data();
-      const auto [begin, end] = part(slab);
-      for (const std::uint64_t* word = begin; word != end; ++word) to[next[key_of(*word) >> buckets.shift]++] = *word;
+      move_part(slab, places_.data() + static_cast<std::size_t>(slab) * bucket_count, entries_.data());
     });
     slabs.run(slabs.count(buckets.count, 4, 4), buckets.count, [&](int, std::int64_t begin, std::int64_t end) {
       for (std::int64_t bucket = begin; bucket < end; ++bucket) {
         const std::int64_t first = starts_[static_cast<std::size_t>(bucket)],
                            last = starts_[static_cast<std::size_t>(bucket) + 1];
         finish(bucket << buckets.shift, std::min((bucket + 1) << buckets.shift, key_count), first,
-               words_.data() + first, words_.data() + last);
+               entries_.data() + first, entries_.data() + last);
       }
     });
   }
 
  private:
   std::vector<std::int64_t> places_, starts_;
-  CpuBackend::Buffer<std::uint64_t> words_;
+  CpuBackend::Buffer<Entry> entries_;
 };
 
 }  // namespace fastcollide::search

@@ -188,6 +188,13 @@ class CpuSearcher {
     return written;
   }
 
+  // A sphere on its way into its cell. It takes its numbers along: to fetch them at the end, in no order, takes longer.
+  struct Traveller {
+    std::uint32_t cell, id;
+    Point<T> position;
+    T radius;
+  };
+
   // Sorts spheres by (cell, index) and copies them there. Searchers have no level of their own: the finest serves.
   void order(const SpheresIn<T>& spheres, const SearchGrid<T>& grid, bool has_radii, bool are_searchers, Order& to) {
     const std::int64_t n = spheres.count;
@@ -196,39 +203,38 @@ class CpuSearcher {
     to.stride = n + slot_padding;
     to.numbers.resize((has_radii ? 4 : 3) * to.stride);
     to.cell_start.resize(std::int64_t(grid.cell_count) + 1);
-    cell_words_.resize(n);
-    const int parts = slabs_.count(n, 4096, 2);
+    to.cell_start.data()[0] = 0;
+    cells_.resize(n);
     const Buckets buckets(grid.cell_count);
-    const auto part = [&](int slab) {
-      std::uint64_t* words = cell_words_.data();
-      return std::pair(words + n * slab / parts, words + n * (slab + 1) / parts);
-    };
+    const int parts = slabs_.count(n, 4096, 2);
     sort_.sort(
         slabs_, buckets, grid.cell_count, parts, n,
         [&](int slab, std::int64_t* counts) {
-          // Block by block, so that words are counted while they are in the cache.
-          constexpr std::int64_t block = 64;
-          const auto [begin, end] = part(slab);
-          for (std::uint64_t* words = begin; words < end; words += block) {
-            const std::int64_t first = words - cell_words_.data(), count = std::min<std::int64_t>(block, end - words);
-            if (grid.level_count == 1) {
-              number_cells<block>(spheres, grid.levels[0], first, count, words);
-            } else {
-              for (std::int64_t i = first; i < first + count; ++i) {
-                const int k = are_searchers ? grid.level_count - 1 : level_of(spheres.radius(i), grid);
-                words[i - first] = word_of(cell_of(spheres.position(i), grid.levels[k]), static_cast<std::uint32_t>(i));
-              }
+          const std::int64_t begin = n * slab / parts, end = n * (slab + 1) / parts;
+          std::uint32_t* cells = cells_.data();
+          if (grid.level_count == 1) {
+            number_cells(spheres, grid.levels[0], begin, end, cells);
+          } else {
+            for (std::int64_t i = begin; i < end; ++i) {
+              const int k = are_searchers ? grid.level_count - 1 : level_of(spheres.radius(i), grid);
+              cells[i] = cell_of(spheres.position(i), grid.levels[k]);
             }
-            BucketSort::count(buckets, words, words + count, counts);
+          }
+          for (std::int64_t i = begin; i < end; ++i) ++counts[cells[i] >> buckets.shift];
+        },
+        [&](int slab, std::int64_t* next, Traveller* travellers) {
+          const std::uint32_t* cells = cells_.data();
+          for (std::int64_t i = n * slab / parts, end = n * (slab + 1) / parts; i < end; ++i) {
+            travellers[next[cells[i] >> buckets.shift]++] = {cells[i], static_cast<std::uint32_t>(i),
+                                                             spheres.position(i), spheres.radius(i)};
           }
         },
-        part,
-        [&](std::int64_t first_cell, std::int64_t end_cell, std::int64_t place, const std::uint64_t* begin,
-            const std::uint64_t* end) {
+        [&](std::int64_t first_cell, std::int64_t end_cell, std::int64_t place, const Traveller* begin,
+            const Traveller* end) {
           // While a cell's spheres are placed, the start of the next one is where the next sphere goes.
           std::uint32_t* next = to.cell_start.data() + 1;
           std::fill(next + first_cell, next + end_cell, 0u);
-          for (const std::uint64_t* word = begin; word != end; ++word) ++next[key_of(*word)];
+          for (const Traveller* one = begin; one != end; ++one) ++next[one->cell];
           auto sum = static_cast<std::uint32_t>(place);
           for (std::int64_t cell = first_cell; cell < end_cell; ++cell) {
             const std::uint32_t count = next[cell];
@@ -238,47 +244,46 @@ class CpuSearcher {
           std::uint32_t* ids = to.ids.data();
           T* numbers = to.numbers.data();
           const std::int64_t stride = to.stride;
-          for (const std::uint64_t* word = begin; word != end; ++word) {
-            if (end - word > far_ahead) spheres.fetch(static_cast<std::uint32_t>(word[far_ahead]));
-            const std::uint32_t slot = next[key_of(*word)]++, id = static_cast<std::uint32_t>(*word);
-            const Point<T> p = spheres.position(id);
-            ids[slot] = id;
-            numbers[slot] = p.x;
-            numbers[slot + stride] = p.y;
-            numbers[slot + 2 * stride] = p.z;
-            if (has_radii) numbers[slot + 3 * stride] = spheres.radius(id);
+          for (const Traveller* one = begin; one != end; ++one) {
+            const std::uint32_t slot = next[one->cell]++;
+            ids[slot] = one->id;
+            numbers[slot] = one->position.x;
+            numbers[slot + stride] = one->position.y;
+            numbers[slot + 2 * stride] = one->position.z;
+            if (has_radii) numbers[slot + 3 * stride] = one->radius;
           }
         });
-    to.cell_start.data()[0] = 0;
   }
 
-  // Of up to `block` spheres, in loops that compilers turn into vector instructions.
-  template <std::int64_t block>
-  static void number_cells(const SpheresIn<T>& spheres, const Level<T>& level, std::int64_t first, std::int64_t count,
-                           std::uint64_t* words) {
+  // Block by block, in loops that compilers turn into vector instructions.
+  static void number_cells(const SpheresIn<T>& spheres, const Level<T>& level, std::int64_t begin, std::int64_t end,
+                           std::uint32_t* cells) {
+    constexpr std::int64_t block = 64;
     std::array<T, block> x, y, z;
     std::array<int, block> cell_x, cell_y, cell_z;
-    for (std::int64_t i = 0; i < count; ++i) {
-      const Point<T> p = spheres.position(first + i);
-      x[i] = p.x;
-      y[i] = p.y;
-      z[i] = p.z;
-    }
-    const auto find_cells = [count](const CellAxis<T>& axis, const auto& places, auto& cells) {
-      if (axis.goes_round) {
-        for (std::int64_t i = 0; i < count; ++i) cells[i] = cell_at(places[i], axis);
-      } else {
-        for (std::int64_t i = 0; i < count; ++i) cells[i] = clamped_cell(places[i], axis);
+    for (; begin < end; begin += block) {
+      const std::int64_t count = std::min(block, end - begin);
+      for (std::int64_t i = 0; i < count; ++i) {
+        const Point<T> p = spheres.position(begin + i);
+        x[i] = p.x;
+        y[i] = p.y;
+        z[i] = p.z;
       }
-    };
-    find_cells(level.x, x, cell_x);
-    find_cells(level.y, y, cell_y);
-    find_cells(level.z, z, cell_z);
-    for (std::int64_t i = 0; i < count; ++i) {
-      const auto cell = static_cast<std::uint32_t>(cell_x[i]) +
-                        static_cast<std::uint32_t>(level.x.cells) *
-                            static_cast<std::uint32_t>(cell_y[i] + level.y.cells * cell_z[i]);
-      words[i] = word_of(level.first_cell + cell, static_cast<std::uint32_t>(first + i));
+      const auto find_cells = [count](const CellAxis<T>& axis, const auto& places, auto& numbers) {
+        if (axis.goes_round) {
+          for (std::int64_t i = 0; i < count; ++i) numbers[i] = cell_at(places[i], axis);
+        } else {
+          for (std::int64_t i = 0; i < count; ++i) numbers[i] = clamped_cell(places[i], axis);
+        }
+      };
+      find_cells(level.x, x, cell_x);
+      find_cells(level.y, y, cell_y);
+      find_cells(level.z, z, cell_z);
+      for (std::int64_t i = 0; i < count; ++i) {
+        cells[begin + i] = level.first_cell + static_cast<std::uint32_t>(cell_x[i]) +
+                           static_cast<std::uint32_t>(level.x.cells) *
+                               static_cast<std::uint32_t>(cell_y[i] + level.y.cells * cell_z[i]);
+      }
     }
   }
 
@@ -330,8 +335,8 @@ class CpuSearcher {
   CpuBackend& backend_;
   SearchSlots<T> search_slots_;
   Order targets_{backend_}, searchers_{backend_};
-  CpuBackend::Buffer<std::uint64_t> cell_words_{backend_};
-  BucketSort sort_{backend_};
+  CpuBackend::Buffer<std::uint32_t> cells_{backend_};
+  BucketSort<Traveller> sort_{backend_};
   std::vector<WordLists<std::uint32_t>> short_lists_;  // of each worker
   std::vector<WordLists<std::uint64_t>> long_lists_;
   std::vector<std::int64_t> places_;  // of the first word of each bucket, among all
