@@ -1,6 +1,6 @@
-// Memory for large arrays on the host, in pages of 2 MiB where the system has them: to walk through an array in no order
-// then takes a few entries of the processor's address table in place of thousands, and its first use a page fault for
-// each 2 MiB in place of 4 KiB.
+// Memory for large arrays on the host, in pages of 2 MiB where the system has them: to walk through an array in no
+// order then takes a few entries of the processor's address table in place of thousands, and its first use a page fault
+// for each 2 MiB in place of 4 KiB.
 #pragma once
 
 #include <cstddef>

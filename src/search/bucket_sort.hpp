@@ -28,9 +28,9 @@ class BucketSort {
  public:
   explicit BucketSort(CpuBackend& backend) : entries_(backend) {}
 
-  // count_part(slab, counts) adds the entries of a slab to those of each bucket; move_part(slab, next, entries) writes each
-  // entry to the next place of its bucket, which moves on; finish(first_key, end_key, first_place, begin, end) gets the
-  // entries of each bucket, in the order of the slabs, with the place of the first among all.
+  // count_part(slab, counts) adds the entries of a slab to those of each bucket; move_part(slab, next, entries) writes
+  // each entry to the next place of its bucket, which moves on; finish(first_key, end_key, first_place, begin, end)
+  // gets the entries of each bucket, in the order of the slabs, with the place of the first among all.
   template <class CountPart, class MovePart, class Finish>
   void sort(const Slabs& slabs, const Buckets& buckets, std::int64_t key_count, int parts, std::int64_t count,
             const CountPart& count_part, const MovePart& move_part, const Finish& finish) {

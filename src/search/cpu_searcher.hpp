@@ -109,14 +109,12 @@ class CpuSearcher {
     }
     places_[static_cast<std::size_t>(buckets.count)] = place;
     slabs_.run(slabs_.count(buckets.count, 4, 4), buckets.count, [&](int, std::int64_t begin, std::int64_t end) {
-      std::vector<Word> words, sorted;
+      CpuBackend::Buffer<Word> words(backend_), sorted(backend_);
       for (std::int64_t bucket = begin; bucket < end; ++bucket) {
         const std::int64_t first = places_[static_cast<std::size_t>(bucket)],
                            words_here = places_[static_cast<std::size_t>(bucket) + 1] - first;
-        if (static_cast<std::int64_t>(words.size()) < words_here) {
-          words.resize(static_cast<std::size_t>(words_here + words_here / 4));
-          sorted.resize(words.size());
-        }
+        words.resize(words_here);
+        sorted.resize(words_here);
         Word* to = words.data();
         for (const WordLists<Word>& list : lists) to = list.copy(bucket, to);
         lay_out_rows(bucket << buckets.shift, std::min((bucket + 1) << buckets.shift, problem.spheres.count), first,

@@ -18,7 +18,8 @@ struct Block {
   std::array<std::uint8_t, size> kind;
 };
 
-constexpr int kinds = 6, other_kind = kinds;  // 0 or 1 row beyond the first, and 0, 1 or 2 in the next layer; all others
+constexpr int kinds = 6,
+              other_kind = kinds;  // 0 or 1 row beyond the first, and 0, 1 or 2 in the next layer; all others
 
 template <class T>
 FC_TARGET void find_windows(const CellAxis<T>& axis, const T* places, const T* reach, int count, int* first,
@@ -35,8 +36,8 @@ FC_TARGET void find_cells(const CellAxis<T>& axis, const T* places, int count, i
   for (int i = 0; i < count; ++i) cells[i] = clamped_cell(places[i], axis);
 }
 
-// For `count` spheres from the n-th on, in a level whose axes do not go round. In its own level a sphere begins with its
-// own row: those before hold earlier slots alone.
+// For `count` spheres from the n-th on, in a level whose axes do not go round. In its own level a sphere begins with
+// its own row: those before hold earlier slots alone.
 template <class T>
 FC_TARGET void find_rows(const SlotSearch<T>& input, const Level<T>& level, bool is_own, std::int64_t n, int count,
                          Block<T>& block) {
@@ -80,10 +81,13 @@ FC_TARGET void search_run(const Compared<T>& sets, const typename Lanes<T>::Quer
   }
 }
 
-// The slots of the r-th run of a sphere of some kind.
+// The slots of the r-th run of a sphere of some kind. Always inline, also since GCC before 14 may take its instances
+// for one function (its bug 113907).
 template <class T, bool is_own, int more_rows>
-[[gnu::always_inline]] FC_TARGET inline std::pair<std::uint32_t, std::uint32_t> run_of(const Block<T>& block, const std::uint32_t* cell_start, std::int64_t row, int i,
-                                                    std::uint32_t q, int r) {
+[[gnu::always_inline]] FC_TARGET inline std::pair<std::uint32_t, std::uint32_t> run_of(const Block<T>& block,
+                                                                                       const std::uint32_t* cell_start,
+                                                                                       std::int64_t row, int i,
+                                                                                       std::uint32_t q, int r) {
   if (r > more_rows) {
     const std::int64_t down = (r - 1 - more_rows) * row;
     return {cell_start[down + block.next_first[i]], cell_start[down + block.next_end[i]]};
@@ -145,8 +149,8 @@ FC_TARGET void search_block(const SlotSearch<T>& input, const Level<T>& level, s
     counts += std::uint64_t(1) << byte;
   }
   const auto count_of = [counts](int kind) { return static_cast<int>(counts >> 8 * kind & 0xFF); };
-#define FC_KIND(more, next)                                                                                     \
-  search_kind<T, has_radii, is_own, more, next>(input, level, block, n, members[3 * (more) + (next)],          \
+#define FC_KIND(more, next)                                                                           \
+  search_kind<T, has_radii, is_own, more, next>(input, level, block, n, members[3 * (more) + (next)], \
                                                 count_of(3 * (more) + (next)), hits)
   FC_KIND(0, 0);
   FC_KIND(0, 1);
@@ -162,11 +166,12 @@ FC_TARGET void search_block(const SlotSearch<T>& input, const Level<T>& level, s
     int y = is_own ? block.first_y[i] : block.y_first[i], z = is_own ? block.first_z[i] : block.z_first[i];
     for (; z <= block.z_last[i]; ++z, y = block.y_first[i]) {
       for (; y <= block.y_last[i]; ++y) {
-        const std::uint32_t* cells = input.cell_start + level.first_cell +
-                                     static_cast<std::int64_t>(level.x.cells) * (y + static_cast<std::int64_t>(level.y.cells) * z);
+        const std::uint32_t* cells =
+            input.cell_start + level.first_cell +
+            static_cast<std::int64_t>(level.x.cells) * (y + static_cast<std::int64_t>(level.y.cells) * z);
         const std::uint32_t begin = cells[block.x_first[i]];
-        search_run<T, has_radii, false>(input.sets, query, is_own && begin <= q ? q + 1 : begin, cells[block.x_last[i] + 1],
-                                        hits);
+        search_run<T, has_radii, false>(input.sets, query, is_own && begin <= q ? q + 1 : begin,
+                                        cells[block.x_last[i] + 1], hits);
       }
     }
   }

@@ -166,8 +166,8 @@ struct Lanes<float> {
   }
 
   template <bool has_radii, bool has_images>
-  [[gnu::always_inline]] FC_TARGET static unsigned compare(const Compared<float>& input, const Query& query, std::uint32_t slot,
-                                    unsigned live) {
+  [[gnu::always_inline]] FC_TARGET static unsigned compare(const Compared<float>& input, const Query& query,
+                                                           std::uint32_t slot, unsigned live) {
     const std::int64_t stride = input.targets.stride;
     const float* place = input.targets.x + slot;
     __m256 dx = _mm256_sub_ps(query.x, _mm256_loadu_ps(place));
@@ -197,11 +197,12 @@ struct Lanes<float> {
   }
 
   // Up to 8 places are written.
-  [[gnu::always_inline]] FC_TARGET static int store(const Compared<float>& input, const Query& query, std::uint32_t slot, unsigned found,
-                             std::uint32_t* pairs) {
+  [[gnu::always_inline]] FC_TARGET static int store(const Compared<float>& input, const Query& query,
+                                                    std::uint32_t slot, unsigned found, std::uint32_t* pairs) {
     const __m256i all = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(input.targets.ids + slot));
     _mm256_storeu_si256(reinterpret_cast<__m256i*>(pairs), query.id);
-    _mm256_storeu_si256(reinterpret_cast<__m256i*>(pairs + HitBuffer::way), _mm256_permutevar8x32_epi32(all, lanes_of(found)));
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(pairs + HitBuffer::way),
+                        _mm256_permutevar8x32_epi32(all, lanes_of(found)));
     return _mm_popcnt_u32(found);
   }
 };
@@ -245,8 +246,8 @@ struct Lanes<double> {
   }
 
   template <bool has_radii, bool has_images>
-  [[gnu::always_inline]] FC_TARGET static unsigned compare(const Compared<double>& input, const Query& query, std::uint32_t slot,
-                                    unsigned live) {
+  [[gnu::always_inline]] FC_TARGET static unsigned compare(const Compared<double>& input, const Query& query,
+                                                           std::uint32_t slot, unsigned live) {
     const std::int64_t stride = input.targets.stride;
     const double* place = input.targets.x + slot;
     __m256d dx = _mm256_sub_pd(query.x, _mm256_loadu_pd(place));
@@ -269,9 +270,10 @@ struct Lanes<double> {
   }
 
   // Up to 4 places are written.
-  [[gnu::always_inline]] FC_TARGET static int store(const Compared<double>& input, const Query& query, std::uint32_t slot, unsigned found,
-                             std::uint32_t* pairs) {
-    const __m256i all = _mm256_castsi128_si256(_mm_loadu_si128(reinterpret_cast<const __m128i*>(input.targets.ids + slot)));
+  [[gnu::always_inline]] FC_TARGET static int store(const Compared<double>& input, const Query& query,
+                                                    std::uint32_t slot, unsigned found, std::uint32_t* pairs) {
+    const __m256i all =
+        _mm256_castsi128_si256(_mm_loadu_si128(reinterpret_cast<const __m128i*>(input.targets.ids + slot)));
     _mm_storeu_si128(reinterpret_cast<__m128i*>(pairs), query.id);
     _mm_storeu_si128(reinterpret_cast<__m128i*>(pairs + HitBuffer::way),
                      _mm256_castsi256_si128(_mm256_permutevar8x32_epi32(all, lanes_of(found))));
@@ -330,8 +332,8 @@ struct Lanes<float> {
   }
 
   template <bool has_radii, bool has_images>
-  [[gnu::always_inline]] FC_TARGET static unsigned compare(const Compared<float>& input, const Query& query, std::uint32_t slot,
-                                    unsigned live) {
+  [[gnu::always_inline]] FC_TARGET static unsigned compare(const Compared<float>& input, const Query& query,
+                                                           std::uint32_t slot, unsigned live) {
     const std::int64_t stride = input.targets.stride;
     const float* place = input.targets.x + slot;
     __m512 dx = _mm512_sub_ps(query.x, _mm512_loadu_ps(place));
@@ -351,8 +353,7 @@ struct Lanes<float> {
     if constexpr (has_images) doubt = _mm512_add_ps(doubt, _mm512_mul_ps(reach, query.image_doubt));
     const __m512 near_limit = _mm512_add_ps(limit, doubt), far_limit = _mm512_sub_ps(limit, doubt);
     unsigned found = _mm512_mask_cmp_ps_mask(static_cast<__mmask16>(live), squared, near_limit, _CMP_LE_OQ);
-    const unsigned doubtful =
-        _mm512_mask_cmp_ps_mask(static_cast<__mmask16>(found), squared, far_limit, _CMP_GE_OQ);
+    const unsigned doubtful = _mm512_mask_cmp_ps_mask(static_cast<__mmask16>(found), squared, far_limit, _CMP_GE_OQ);
     if (doubtful != 0) [[unlikely]] {
       found = without_misses(input, query.index, query.image, slot, found, doubtful);
     }
@@ -360,8 +361,8 @@ struct Lanes<float> {
   }
 
   // Up to 16 places are written.
-  [[gnu::always_inline]] FC_TARGET static int store(const Compared<float>& input, const Query& query, std::uint32_t slot, unsigned found,
-                             std::uint32_t* pairs) {
+  [[gnu::always_inline]] FC_TARGET static int store(const Compared<float>& input, const Query& query,
+                                                    std::uint32_t slot, unsigned found, std::uint32_t* pairs) {
     const __m512i all = _mm512_loadu_si512(input.targets.ids + slot);
     _mm512_storeu_si512(pairs, query.id);
     _mm512_storeu_si512(pairs + HitBuffer::way, _mm512_maskz_compress_epi32(static_cast<__mmask16>(found), all));
@@ -408,8 +409,8 @@ struct Lanes<double> {
   }
 
   template <bool has_radii, bool has_images>
-  [[gnu::always_inline]] FC_TARGET static unsigned compare(const Compared<double>& input, const Query& query, std::uint32_t slot,
-                                    unsigned live) {
+  [[gnu::always_inline]] FC_TARGET static unsigned compare(const Compared<double>& input, const Query& query,
+                                                           std::uint32_t slot, unsigned live) {
     const std::int64_t stride = input.targets.stride;
     const double* place = input.targets.x + slot;
     __m512d dx = _mm512_sub_pd(query.x, _mm512_loadu_pd(place));
@@ -432,11 +433,12 @@ struct Lanes<double> {
   }
 
   // Up to 8 places are written.
-  [[gnu::always_inline]] FC_TARGET static int store(const Compared<double>& input, const Query& query, std::uint32_t slot, unsigned found,
-                             std::uint32_t* pairs) {
+  [[gnu::always_inline]] FC_TARGET static int store(const Compared<double>& input, const Query& query,
+                                                    std::uint32_t slot, unsigned found, std::uint32_t* pairs) {
     const __m256i all = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(input.targets.ids + slot));
     _mm256_storeu_si256(reinterpret_cast<__m256i*>(pairs), query.id);
-    _mm256_storeu_si256(reinterpret_cast<__m256i*>(pairs + HitBuffer::way), _mm256_maskz_compress_epi32(static_cast<__mmask8>(found), all));
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(pairs + HitBuffer::way),
+                        _mm256_maskz_compress_epi32(static_cast<__mmask8>(found), all));
     return _mm_popcnt_u32(found);
   }
 };

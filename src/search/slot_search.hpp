@@ -14,8 +14,8 @@ namespace fastcollide::search {
 // Arrays of slots can be read up to this many places past their end.
 inline constexpr std::int64_t slot_padding = 16;
 
-// Spheres in cell order; a slot is a place in that order. y, z and, if there are any, radii lie `stride` elements, twice
-// and three times as many behind x.
+// Spheres in cell order; a slot is a place in that order. y, z and, if there are any, radii lie `stride` elements,
+// twice and three times as many behind x.
 template <class T>
 struct Slots {
   const T* x;
