@@ -16,13 +16,16 @@ import time
 from pathlib import Path
 
 SCENES = [(1_000, 600), (20_000, 600), (200_000, 60)]  # particles, frames
-SOLVERS = ["reference", "smooth", "rough"]  # the last two: the default solver without and with friction
+# The default solver without and with friction, and with spheres of very different sizes.
+SOLVERS = ["reference", "smooth", "rough", "mixed"]
 SANITIZERS = ["memcheck", "racecheck", "initcheck", "synccheck"]
 # Particles, solver, method: forms whose lanes share a sphere, and one where each has a lane.
 SANITIZED = [
     (3_000, "reference", "frame"),
     (3_000, "smooth", "frame"),
     (3_000, "rough", "list"),
+    (3_000, "rough", "frame"),
+    (3_000, "mixed", "levels"),
     (150_000, "smooth", "frame"),
 ]
 
@@ -57,12 +60,14 @@ def run_scene(
 def compare(program: str) -> tuple[list[dict[str, object]], bool]:
     rows, same = [], True
     for (particles, frames), solver in itertools.product(SCENES, SOLVERS):
-        expected = run_scene(program, particles, frames, "cpu", solver)
+        expected = run_scene(
+            program, particles, frames, "cpu", solver, method="levels" if solver == "mixed" else "list"
+        )
         rows.append(expected)
         # The size of a block is that of the plain form.
-        ways = [("list", 128), ("cells", 32), ("cells", 128), ("cells", 512)]
-        if solver != "rough":
-            ways.append(("frame", 128))
+        ways = [("list", 128), ("frame", 128), ("levels", 128), ("cells", 32), ("cells", 128), ("cells", 512)]
+        if solver == "mixed":
+            ways = [("levels", 128), ("cells", 128)]  # lists would take minutes
         for method, block_size in ways:
             found = run_scene(program, particles, frames, "cuda", solver, block_size, method)
             rows.append(found)

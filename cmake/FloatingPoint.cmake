@@ -17,6 +17,16 @@ else()
 endif()
 list(JOIN host_flags "," host_flags_of_nvcc)
 
+# What would be saved without all that, and with sums in float: for docs/performance.md, and for nothing else.
+option(FASTCOLLIDE_FREE_ORDER "Measure what equal bits cost, by an engine whose results depend on the device" OFF)
+if(FASTCOLLIDE_FREE_ORDER)
+  message(WARNING "FASTCOLLIDE_FREE_ORDER: results of this build are neither equal nor checked.")
+  target_compile_definitions(fastcollide_floating_point INTERFACE FASTCOLLIDE_FREE_ORDER)
+  target_compile_options(fastcollide_floating_point INTERFACE
+    "$<$<COMPILE_LANGUAGE:CUDA>:--fmad=true;--prec-div=false;--prec-sqrt=false>")
+  return()
+endif()
+
 target_compile_options(fastcollide_floating_point INTERFACE
   $<$<COMPILE_LANGUAGE:CXX>:${host_flags}>
   "$<$<COMPILE_LANGUAGE:CUDA>:--fmad=false;--ftz=false;--prec-div=true;--prec-sqrt=true;-Xcompiler=${host_flags_of_nvcc}>")

@@ -88,7 +88,8 @@ fastcollide::Method method_of(const std::string& name) {
   if (name == "cells") return fastcollide::Method::cells;
   if (name == "list") return fastcollide::Method::list;
   if (name == "frame") return fastcollide::Method::frame;
-  throw fastcollide::InvalidValue("method", -1, '"' + name + '"', R"("auto", "cells", "list" or "frame")");
+  if (name == "levels") return fastcollide::Method::levels;
+  throw fastcollide::InvalidValue("method", -1, '"' + name + '"', R"("auto", "cells", "list", "frame" or "levels")");
 }
 
 // A call that waits for its turn while it holds the interpreter would stop the one that is stepping: all let go of it.

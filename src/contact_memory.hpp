@@ -29,12 +29,14 @@ class ContactMemory {
     if (count > known) backend_.fill_zero(copies_[0].rows.data() + known, count - known);
   }
 
-  // Before the first pass of a run; `watch` is on the device.
-  MemoryCopies start_run(Watch* watch) {
+  // Before the first of all passes of a run; `watch` is on the device. The last of them writes copy 2, however many
+  // they are: the passes that many frames repeat then find the same addresses in every other run.
+  MemoryCopies start_run(Watch* watch, std::int64_t passes) {
     if (!is_kept()) return {};
-    backend_.fill_zero(copies_[1].rows.data(), copies_[1].rows.size());
-    backend_.fill_zero(copies_[1].chained_count.data(), 1);
-    return {{view(copies_[0]), view(copies_[1]), view(copies_[2])}, &watch->memory_wanted};
+    const int first = passes % 2 == 0 ? 1 : 2;
+    backend_.fill_zero(copies_[first].rows.data(), copies_[first].rows.size());
+    backend_.fill_zero(copies_[first].chained_count.data(), 1);
+    return {{view(copies_[0]), view(copies_[first]), view(copies_[3 - first])}, &watch->memory_wanted};
   }
   // After a run: false when it found no place for some entry. It has to be run again; now there is room.
   bool had_room(const Watch& watch) {
@@ -45,8 +47,8 @@ class ContactMemory {
     return false;
   }
   // What the last pass of a run has written is what is known from now on.
-  void end_run(std::uint32_t passes) {
-    if (is_kept() && passes > 0) std::swap(copies_[0], copies_[MemoryCopies::written_by(passes - 1)]);
+  void end_run(std::int64_t passes) {
+    if (is_kept() && passes > 0) std::swap(copies_[0], copies_[2]);
   }
 
   // In the order of owner and partner, whatever order the entries have here.
@@ -87,7 +89,7 @@ class ContactMemory {
 
   // Into a world of as many spheres, which remembers nothing so far.
   void restore(const ContactState& state, std::int64_t count, std::uint32_t width) {
-    std::vector<MemoryRow> rows(static_cast<std::size_t>(count), MemoryRow{0, 0});
+    std::vector<MemoryRow> rows(static_cast<std::size_t>(count), MemoryRow{});
     std::vector<MemoryWord> entries(rows.size() * places_in_row * width, MemoryWord{{0, 0, 0}, 0}), chained;
     std::vector<std::uint32_t> chained_before;
     for (std::size_t i = 0; i < state.owner.size(); ++i) {
@@ -95,6 +97,7 @@ class ContactMemory {
       MemoryWord entry[2] = {{vector_at(state.slide, i), state.partner[i]}, {{0, 0, 0}, state.partner[i]}};
       if (width > 1) entry[1].vector = vector_at(state.roll, i);
       if (row.count < places_in_row) {
+        row.partners[row.count] = state.partner[i];
         std::copy_n(entry, width, &entries[(std::size_t(state.owner[i]) * places_in_row + row.count) * width]);
       } else {
         chained.insert(chained.end(), entry, entry + width);

@@ -2,8 +2,8 @@
 #pragma once
 
 #include "backend/concept.hpp"
-#include "physics/cell.hpp"
 #include "physics/contact.hpp"
+#include "physics/levels.hpp"
 
 namespace fastcollide {
 
@@ -65,7 +65,7 @@ struct Grid {
         spins(backend),
         frictions(backend) {}
 
-  GridShape shape{};
+  CellLevels levels{};  // one of them: as large as the largest sphere wants; several: by size
   Vec3 period{};
   typename B::template Buffer<std::uint32_t> unsorted_cells, unsorted_ids;
   typename B::template Buffer<std::uint32_t> cells, ids;            // of each slot
@@ -80,12 +80,9 @@ struct Grid {
 
 // The slots as a stage reads them.
 struct GridView {
-  GridShape shape;
   Vec3 period;  // of the periodic axes, 0 for the others [m]
   std::int64_t count;
   const std::uint32_t* ids;
-  const std::uint32_t* cell_start;
-  const std::uint32_t* cell_end;
   const Vec4* position_radius;
   const Vec4* velocity_restitution;
   const float* masses;
@@ -96,12 +93,9 @@ struct GridView {
 
 template <Backend B>
 GridView view_of(const Grid<B>& grid) {
-  return {grid.shape,
-          grid.period,
+  return {grid.period,
           grid.ids.size(),
           grid.ids.data(),
-          grid.cell_start.data(),
-          grid.cell_end.data(),
           grid.position_radius.data(),
           grid.velocity_restitution.data(),
           grid.masses.data(),

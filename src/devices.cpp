@@ -93,7 +93,9 @@ Limits limits() {
   constexpr std::int64_t slot = 4 * sizeof(std::uint32_t) + 2 * sizeof(Vec4) + sizeof(float);
   constexpr std::int64_t sort = 2 * sizeof(std::uint32_t);
   constexpr std::int64_t solver = 2 * sizeof(float) + sizeof(Vec3) + sizeof(std::uint32_t);
-  constexpr std::int64_t spin = 4 * sizeof(Vec3) + sizeof(float);
+  // And three copies of what contacts remember, without rolling resistance.
+  constexpr std::int64_t remembered = sizeof(MemoryRow) + places_in_row * sizeof(MemoryWord);
+  constexpr std::int64_t spin = 4 * sizeof(Vec3) + sizeof(float) + 3 * remembered;
   return {most_spheres, body + kept + slot + sort + solver, spin, 2 * sizeof(std::uint32_t), 1 << 17};
 }
 

@@ -13,6 +13,7 @@
 #include "fastcollide/world.hpp"
 #include "frame_runs.hpp"
 #include "grid_shape.hpp"
+#include "level_runs.hpp"
 #include "listed_frames.hpp"
 #include "stages/check_state.hpp"
 #include "stages/measure.hpp"
@@ -206,7 +207,7 @@ class EngineOn final : public Engine {
     bool may_have_changed = true;
     for (std::int64_t done = 0; done < frames;) {
       if (go_on && !go_on()) return done;
-      const std::int64_t some = std::min(frames - done, frames_at_once_);
+      const std::int64_t some = std::min(frames - done, is_trial() ? 1 : frames_at_once_);
       const auto start = std::chrono::steady_clock::now();
       const Watch watch = run_frames(some, parameters, may_have_changed);
       if (watch.first_fault != no_fault) {
@@ -368,8 +369,30 @@ class EngineOn final : public Engine {
     has_friction_ = options_.solver == Solver::substep && bodies_.is_rough &&
                     (found.largest_friction > 0 || options_.wall_friction > 0.0f || options_.rolling_friction > 0.0f);
     scratch_.grid.period = period_of(box());
-    scratch_.grid.shape = choose_grid_shape(box(), largest_radius_, options_.cell_size, count(), opening_margin());
+    survey_radii(float_of(static_cast<std::uint32_t>(found.smallest_radius)));
+    levels_ = choose_levels(box(), radii_, count(), opening_margin());
+    scratch_.grid.levels =
+        are_sizes_far_apart() && options_.cell_size == 0.0f
+            ? levels_
+            : one_level(choose_grid_shape(box(), largest_radius_, options_.cell_size, count(), opening_margin()));
   }
+
+  void survey_radii(float smallest) {
+    radii_ = {largest_radius_, {count()}};
+    if (smallest > 0.25f * largest_radius_) return;
+    SmallerThanLimits is_smaller{std::as_const(bodies_.radii).data(), {}};
+    const int exponent = std::ilogb(largest_radius_);
+    for (int k = 0; k < octaves - 1; ++k) is_smaller.limits[k] = std::ldexp(1.0f, exponent - k);
+    const SmallerCounts found =
+        backend_.transform_reduce(count(), is_smaller, SmallerCounts{}, SmallerCounts::Operation{});
+    for (int k = 0; k < octaves - 1; ++k) {
+      radii_.octave_counts[k] -= found.counts[k];
+      radii_.octave_counts[k + 1] = found.counts[k];
+    }
+  }
+
+  // Whether cells or lists made for the largest sphere would hold far too many of the others.
+  bool are_sizes_far_apart() const { return levels_.count > 1 && size_spread(radii_) > widest_spread; }
 
   void update_grid() {
     shape_grid();
@@ -389,28 +412,39 @@ class EngineOn final : public Engine {
     if (has_friction_ || memory_.is_kept()) memory_.resize(count(), words_of_memory());
     Watch watch = try_frames(frames, parameters, may_have_changed);
     while (!memory_.had_room(watch)) watch = try_frames(frames, parameters, true);
-    if (watch.first_fault == no_fault) memory_.end_run(static_cast<std::uint32_t>(frames * options_.iterations));
+    if (watch.first_fault == no_fault) memory_.end_run(frames * options_.iterations);
     return watch;
   }
 
   std::uint32_t words_of_memory() const { return options_.rolling_friction > 0.0f ? 2 : 1; }
 
   Watch try_frames(std::int64_t frames, FrameParameters parameters, bool may_have_changed) {
+    are_lists_behind_ = are_lists_behind_ || may_have_changed;
+    if (sorts_by_levels()) {
+      are_lists_behind_ = true;
+      return level_runs_.run(parameters, frames, levels_, radii_, body_arrays(), count(), memory_, timer);
+    }
     if (makes_lists_for_each_frame()) {
       const std::optional<Watch> watch =
-          frame_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), timer);
+          frame_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), memory_, timer);
+      are_lists_behind_ = true;
+      const bool is_slow = frame_runs_.had_many_strays();
+      list_spell_ = is_slow ? std::clamp<std::int64_t>(2 * list_spell_, 64, 1024) : 0;
+      frames_by_list_ = list_spell_;
       if (watch) return *watch;
-      may_have_changed = true;  // by frames of that form
     }
     if (options_.method != Method::cells) {
+      frames_by_list_ -= frames;
       const std::optional<Watch> watch =
-          listed_.run(parameters, frames, may_have_changed, largest_radius_, body_arrays(), count(), memory_, timer);
+          listed_.run(parameters, frames, are_lists_behind_, largest_radius_, body_arrays(), count(), memory_, timer);
+      are_lists_behind_ = false;
       if (watch) return *watch;
     }
+    are_lists_behind_ = true;
     keep_state();
     Watch watch;
     backend_.copy_to_device(scratch_.watch.data(), &watch, 1);
-    const MemoryCopies memory = memory_.start_run(scratch_.watch.data());
+    const MemoryCopies memory = memory_.start_run(scratch_.watch.data(), frames * options_.iterations);
     for (std::int64_t i = 0; i < frames; ++i) {
       parameters.substep.frame = static_cast<std::uint32_t>(i);
       simulate_frame(backend_, parameters, bodies_, memory, scratch_, timer);
@@ -420,12 +454,18 @@ class EngineOn final : public Engine {
     return watch;
   }
 
-  // That form has no friction and spin.
-  bool makes_lists_for_each_frame() const {
-    const bool is_wanted =
-        options_.method == Method::frame || (options_.method == Method::automatic && B::has_whole_grid);
-    return is_wanted && !bodies_.is_rough;
+  bool sorts_by_levels() const {
+    return options_.method == Method::levels || (options_.method == Method::automatic && are_sizes_far_apart());
   }
+
+  bool makes_lists_for_each_frame() const {
+    return options_.method == Method::frame ||
+           (options_.method == Method::automatic && B::has_whole_grid && frames_by_list_ <= 0);
+  }
+
+  // Where many spheres leave their skins within a frame, lists that are mended serve better for a spell; then one frame
+  // tells whether that is still so.
+  bool is_trial() const { return list_spell_ > 0 && frames_by_list_ <= 0; }
 
   BodyArrays body_arrays() {
     const bool has_crowding = options_.solver == Solver::substep;
@@ -467,13 +507,18 @@ class EngineOn final : public Engine {
   Bodies<B> bodies_{backend_};
   Scratch<B> scratch_{backend_};
   FrameRuns<B> frame_runs_{backend_};
+  LevelRuns<B> level_runs_{backend_};
   ListedFrames<B> listed_{backend_};
   ContactMemory<B> memory_{backend_};
   // Before unchecked frames:
   typename B::template Buffer<Vec3> kept_positions_{backend_}, kept_velocities_{backend_}, kept_spins_{backend_};
   typename B::template Buffer<float> kept_crowding_{backend_};
   float largest_radius_ = 0;
+  RadiusSurvey radii_{};
+  CellLevels levels_{};
   std::int64_t frames_at_once_ = B::frames_between_checks;
+  std::int64_t list_spell_ = 0, frames_by_list_ = 0;  // frames by lists that are mended; those still to come
+  bool are_lists_behind_ = false;    // bodies may have been changed by others since lists were run
   bool is_crowding_known_ = false;
   bool has_friction_ = false;  // of the default solver, where spheres turn: contacts remember
 };

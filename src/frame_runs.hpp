@@ -6,9 +6,11 @@
 #include <optional>
 #include <utility>
 
+#include "contact_memory.hpp"
 #include "frame_step.hpp"
 #include "grid_shape.hpp"
 #include "host_run.hpp"
+#include "slot_buffers.hpp"
 
 namespace fastcollide {
 
@@ -20,7 +22,7 @@ class FrameRuns {
   // Runs frames on the bodies, counted from 0 in what is told of them; after a fault the bodies are as before, and also
   // where nothing is returned: some sphere has so many near it that lists are no way to keep them.
   std::optional<Watch> run(const FrameParameters& frame, std::int64_t frames, float largest_radius,
-                           const BodyArrays& bodies, std::int64_t count, StageTimer& timer) {
+                           const BodyArrays& bodies, std::int64_t count, ContactMemory<B>& memory, StageTimer& timer) {
     if (frames == 0) return Watch{};
     if (count == crowded_count_) return {};
     FrameWorld world{};
@@ -29,6 +31,7 @@ class FrameRuns {
     world.bodies = bodies;
     world.count = count;
     const bool is_substep = frame.solver == Solver::substep;
+    const bool is_rough = is_substep && bodies.spins != nullptr;  // the report's loop does not turn spheres
     world.shape = shape_cells(frame.substep.box, largest_radius, count);
     const float reach = is_substep ? frame.substep.law.opening_margin : 0.0f;
     const float passes = is_substep ? static_cast<float>(frame.iterations) : 1.0f;
@@ -39,17 +42,22 @@ class FrameRuns {
     world.strays.passes = static_cast<std::uint32_t>(frame.iterations);
     choose_lanes(count);
     for (;;) {
-      resize(world, is_substep);
+      resize(world, is_substep, is_rough);
       set_pointers(world);
+      world.memory = memory.start_run(&control_.data()->watch, frames * frame.iterations).of_pass(0);
       const FrameControl control = run_once(world, frames, timer);
       count_ = count;
       const bool had_room = control.longest <= world.lists.places() && control.most_stray_records <= stray_places_;
       make_room(control, frames);
+      last_stray_records_ = *std::max_element(std::begin(control.stray_records), std::end(control.stray_records));
       if (had_room) return control.watch;
       if (count == crowded_count_) return {};
       world.is_new = false;
     }
   }
+
+  // Whether so many spheres left their skins in a frame that to look for strays took most of the time.
+  bool had_many_strays() const { return last_stray_records_ > count_ / 8; }
 
  private:
   // A search looks at runs of cells along x: narrow there, so that it looks at little else, and wide across, so that
@@ -86,10 +94,13 @@ class FrameRuns {
     FrameWorld running = world;
     auto run = runner_.run(backend_, timer, 1u << lane_bits_);
     const Box& box = world.frame.substep.box;
-    if (box.x == Boundary::wall && box.y == Boundary::wall && box.z == Boundary::wall) {
-      simulate_frames_by_their_lists<true>(run, running, frames);
+    const bool has_walls = box.x == Boundary::wall && box.y == Boundary::wall && box.z == Boundary::wall;
+    if (world.state.spins != nullptr) {
+      has_walls ? simulate_frames_by_their_lists<true, true>(run, running, frames)
+                : simulate_frames_by_their_lists<true, false>(run, running, frames);
     } else {
-      simulate_frames_by_their_lists<false>(run, running, frames);
+      has_walls ? simulate_frames_by_their_lists<false, true>(run, running, frames)
+                : simulate_frames_by_their_lists<false, false>(run, running, frames);
     }
     // Which of the two copies holds what.
     if (running.constants.ids != world.constants.ids) std::swap(constants_, other_constants_);
@@ -99,7 +110,7 @@ class FrameRuns {
 
   void choose_lanes(std::int64_t count) {
     std::uint32_t bits = 0;
-    if constexpr (B::has_whole_grid) bits = count <= 65536 ? 3 : count <= few ? 2 : 0;
+    if constexpr (B::has_whole_grid) bits = count <= 32768 ? 3 : count <= few ? 2 : 0;
     if (bits == lane_bits_ && rows_ > 0) return;
     lane_bits_ = bits;
     may_grow_ = true;
@@ -107,22 +118,16 @@ class FrameRuns {
     rows_ = needed_rows_ = (count <= few ? 96u : 48u) >> bits;
   }
 
-  void resize(FrameWorld& world, bool is_substep) {
+  void resize(FrameWorld& world, bool is_substep, bool is_rough) {
     const std::int64_t count = world.count;
     count_ = 0;  // nothing is known should memory run out on the way
-    for (StateBuffers* state : {&state_, &other_state_}) {
-      state->position_radius.resize(count);
-      state->velocity_restitution.resize(count);
-      state->crowding.resize(is_substep ? count : 0);
-    }
-    for (ConstantBuffers* constants : {&constants_, &other_constants_}) {
-      constants->ids.resize(count);
-      constants->masses.resize(count);
-    }
+    for (auto* state : {&state_, &other_state_}) state->resize(count, is_substep, is_rough);
+    for (auto* constants : {&constants_, &other_constants_}) constants->resize(count, is_rough);
     built_.resize(count);
     cell_of_slot_.resize(count);
     rank_of_slot_.resize(count);
     velocity_change_.resize(is_substep ? count : 0);
+    turn_.resize(is_rough ? count : 0);
     pick_.resize(is_substep ? count : 0);
     world.cells = std::int64_t(world.shape.x.cells) * world.shape.y.cells * world.shape.z.cells;
     if (cell_counts_.size() < world.cells) {
@@ -134,6 +139,11 @@ class FrameRuns {
     control_.resize(1);
     list_counts_.resize(count);
     resize_lists(count);
+    if (lane_bits_ == 0) {
+      chunks_ = std::max(chunks_, count / 16);
+      chunk_of_slot_.resize(count);
+      chunk_entries_.resize(chunks_ * FrameLists::chunk_places);
+    }
     const GridShape& coarse = world.strays.coarse;
     stray_places_ = std::max<std::uint32_t>(stray_places_, static_cast<std::uint32_t>(1024 + count / 8));
     for (int i = 0; i < 2; ++i) {
@@ -164,7 +174,9 @@ class FrameRuns {
     const std::uint32_t needed = (control.longest + (1u << lane_bits_) - 1) >> lane_bits_;
     std::uint32_t rows = std::max(rows_, needed);
     const std::int64_t void_lists = control.void_lists / frames;
-    const bool may_wish = may_grow_ && 4 * list_places(count_) < most_wished_bytes;
+    const bool had_chunks = control.most_chunks <= chunks_;
+    if (!had_chunks) chunks_ = control.most_chunks + control.most_chunks / 2;
+    const bool may_wish = had_chunks && may_grow_ && 4 * list_places(count_) < most_wished_bytes;
     if (may_wish && void_lists > count_ / 16384) rows = std::max(rows, rows_ + rows_ / 2 + 1);
     stray_places_ = std::max(stray_places_, control.most_stray_records + control.most_stray_records / 2);
     if (rows == rows_) return;
@@ -179,22 +191,6 @@ class FrameRuns {
     list_entries_ = typename B::template Buffer<std::uint32_t>(backend_);  // to be made anew; nothing is kept in it
   }
 
-  struct StateBuffers {
-    explicit StateBuffers(B& backend) : position_radius(backend), velocity_restitution(backend), crowding(backend) {}
-    SlotState view() {
-      return {position_radius.data(), velocity_restitution.data(), crowding.size() > 0 ? crowding.data() : nullptr,
-              nullptr};
-    }
-    typename B::template Buffer<Vec4> position_radius, velocity_restitution;
-    typename B::template Buffer<float> crowding;
-  };
-  struct ConstantBuffers {
-    explicit ConstantBuffers(B& backend) : ids(backend), masses(backend) {}
-    SlotConstants view() { return {ids.data(), masses.data(), nullptr}; }
-    typename B::template Buffer<std::uint32_t> ids;
-    typename B::template Buffer<float> masses;
-  };
-
   void set_pointers(FrameWorld& world) {
     world.state = state_.view();
     world.other_state = other_state_.view();
@@ -206,7 +202,14 @@ class FrameRuns {
     world.cell_counts = cell_counts_.data();
     world.cell_start = cell_start_.data();
     world.cell_end = cell_end_.data();
-    world.lists = {list_entries_.data(), list_counts_.data(), rows_, lane_bits_, B::list_width == 1 ? 0u : 5u};
+    world.lists = {list_entries_.data(),
+                   list_counts_.data(),
+                   rows_,
+                   lane_bits_,
+                   B::list_width == 1 ? 0u : 5u,
+                   chunk_of_slot_.data(),
+                   chunk_entries_.data(),
+                   lane_bits_ == 0 ? static_cast<std::uint32_t>(chunks_) : 0};
     world.strays.places = stray_places_;
     world.strays.control = control_.data();
     world.other_strays = world.strays;
@@ -216,6 +219,7 @@ class FrameRuns {
       strays.records = stray_records_[i].data();
     }
     world.velocity_change = velocity_change_.data();
+    world.turn = turn_.size() > 0 ? turn_.data() : nullptr;
     world.pick = pick_.data();
     world.control = control_.data();
   }
@@ -227,17 +231,20 @@ class FrameRuns {
   B& backend_;
   FrameRunner<B> runner_;
   std::int64_t count_ = 0;
+  std::int64_t last_stray_records_ = 0;
   std::int64_t crowded_count_ = -1;  // of the spheres that lists could not keep
   std::uint32_t lane_bits_ = 0, stray_places_ = 0;
   std::uint32_t rows_ = 0, needed_rows_ = 0;  // of the lists; without which frames cannot be run
+  std::int64_t chunks_ = 0;                   // for lists that are too long for their rows
   bool may_grow_ = true;
   typename B::template Buffer<FrameControl> control_{backend_};
-  StateBuffers state_{backend_}, other_state_{backend_};
-  ConstantBuffers constants_{backend_}, other_constants_{backend_};
+  SlotStateBuffers<B> state_{backend_}, other_state_{backend_};
+  SlotConstantBuffers<B> constants_{backend_}, other_constants_{backend_};
   typename B::template Buffer<Vec4> built_{backend_};
-  typename B::template Buffer<Vec3> velocity_change_{backend_};
+  typename B::template Buffer<Vec3> velocity_change_{backend_}, turn_{backend_};
   typename B::template Buffer<std::uint32_t> cell_of_slot_{backend_}, rank_of_slot_{backend_}, cell_counts_{backend_},
-      cell_start_{backend_}, cell_end_{backend_}, pick_{backend_}, list_entries_{backend_}, list_counts_{backend_};
+      cell_start_{backend_}, cell_end_{backend_}, pick_{backend_}, list_entries_{backend_}, list_counts_{backend_},
+      chunk_of_slot_{backend_}, chunk_entries_{backend_};
   typename B::template Buffer<std::uint64_t> stray_heads_[2]{typename B::template Buffer<std::uint64_t>(backend_),
                                                              typename B::template Buffer<std::uint64_t>(backend_)};
   typename B::template Buffer<StrayRecord> stray_records_[2]{typename B::template Buffer<StrayRecord>(backend_),

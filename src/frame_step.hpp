@@ -1,5 +1,5 @@
 // Frames with lists made once for each: the same results as step.hpp, as a short chain of stages that asks the host for
-// nothing, so that a GPU can be given many frames at once. Worlds without friction and spin only.
+// nothing, so that a GPU can be given many frames at once.
 //
 // `Run` starts the stages: HostRun one after the other on a backend, GraphRun as nodes of a CUDA graph.
 #pragma once
@@ -30,22 +30,21 @@ struct FrameWorld {
   Strays strays, other_strays;  // of the passes with an even and an odd number
   SkinLaw skin;
   Vec3* velocity_change;
+  Vec3* turn;  // or null
   std::uint32_t* pick;
   FrameControl* control;
+  MemoryPass memory;  // of the next pass
 
   GridView grid() const {
-    return {shape,
-            period_of(frame.substep.box),
+    return {period_of(frame.substep.box),
             count,
             constants.ids,
-            cell_start,
-            cell_end,
             state.position_radius,
             state.velocity_restitution,
             constants.masses,
             state.crowding,
-            nullptr,
-            nullptr};
+            state.spins,
+            constants.frictions};
   }
   SortedSlots sorted() const { return {shape, cell_start, cell_end, built, skin}; }
   Strays strays_of(std::uint32_t pass) const {
@@ -71,18 +70,23 @@ struct FrameWorld {
   void swap_state() { std::swap(state, other_state); }
 };
 
-// A pass over a world without friction and spin, in a frame whose number only the device knows. Where a compiler is
-// told what a world does not have, it leaves out all that belongs to it.
-template <class Pass, bool has_walls>
-struct SmoothPass {
+// A pass in a frame whose number only the device knows. Where a compiler is told what a world does not have, it leaves
+// out all that belongs to it.
+template <class Pass, bool is_rough, bool has_walls>
+struct FramePass {
+  static constexpr bool has_friction = is_rough;
   Pass pass;
   const FrameControl* control;
 
   FC_HOST_DEVICE Pass now() const {
     Pass here = pass;
-    here.grid.spins = nullptr;
-    here.grid.frictions = nullptr;
-    if constexpr (requires { here.turn; }) here.turn = nullptr;
+    if constexpr (!is_rough) {
+      here.grid.spins = nullptr;
+      here.grid.frictions = nullptr;
+      here.output.to.spins = nullptr;
+      if constexpr (requires { here.turn; }) here.turn = nullptr;
+      if constexpr (requires { here.cleared; }) here.cleared.rows = nullptr;
+    }
     if constexpr (has_walls) {
       here.grid.period = {0, 0, 0};
       here.output.assume_walls();
@@ -100,8 +104,8 @@ struct SmoothPass {
 };
 
 // A pass that several lanes may share.
-template <class Pass, bool has_walls>
-struct SharedSmoothPass : SmoothPass<Pass, has_walls> {
+template <class Pass, bool is_rough, bool has_walls>
+struct SharedFramePass : FramePass<Pass, is_rough, has_walls> {
   using Sum = typename Pass::Sum;
 
   FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const { return this->now().gather(slot, lane); }
@@ -109,13 +113,13 @@ struct SharedSmoothPass : SmoothPass<Pass, has_walls> {
   FC_HOST_DEVICE void operator()(std::int64_t slot) const { run_alone(*this, slot); }
 };
 
-template <class Pass, bool has_walls>
-struct SingleSmoothPass : SmoothPass<Pass, has_walls> {
+template <class Pass, bool is_rough, bool has_walls>
+struct SingleFramePass : FramePass<Pass, is_rough, has_walls> {
   FC_HOST_DEVICE void operator()(std::int64_t slot) const { this->now()(slot); }
 };
 
 template <bool is_shared, bool has_walls>
-struct RecordSmoothLists {
+struct RecordListsOfFrame {
   RecordFrameLists<is_shared> record;
 
   FC_HOST_DEVICE void operator()(std::int64_t row) const {
@@ -136,8 +140,8 @@ void make_frame_lists(Run& run, FrameWorld& world) {
   std::swap(world.constants, world.other_constants);
   const auto record = [&]<bool is_shared>() {
     run.for_each(Stage::make_lists, world.count << world.lists.lane_bits,
-                 RecordSmoothLists<is_shared, has_walls>{{world.sorted(), period_of(world.frame.substep.box),
-                                                          world.constants.masses, world.lists, world.control}});
+                 RecordListsOfFrame<is_shared, has_walls>{{world.sorted(), period_of(world.frame.substep.box),
+                                                           world.constants.masses, world.lists, world.control}});
   };
   if (world.lists.lane_bits > 0) {
     record.template operator()<true>();
@@ -147,46 +151,55 @@ void make_frame_lists(Run& run, FrameWorld& world) {
 }
 
 // One iteration of the reference solver, one substep of the default one.
-template <bool has_walls, class Run, class Output>
+template <bool is_rough, bool has_walls, class Run, class Output>
 void run_pass(Run& run, FrameWorld& world, std::uint32_t pass, const Output& output) {
   const Substep& step = world.frame.substep;
   Watch* watch = &world.control->watch;
   if (world.frame.solver == Solver::reference) {
     using Solve = SolveContacts<FrameListNeighbors, Output>;
     run.for_each_sphere(Stage::solve_contacts, world.count,
-                        SharedSmoothPass<Solve, has_walls>{{{world.frame.scales, step.box, 0, world.grid(),
-                                                             world.neighbors(pass), output, &watch->first_fault},
-                                                            world.control}});
+                        SharedFramePass<Solve, false, has_walls>{{{world.frame.scales, step.box, 0, world.grid(),
+                                                                   world.neighbors(pass), output, &watch->first_fault},
+                                                                  world.control}});
   } else {
-    using Gather = GatherContacts<FrameListNeighbors, Output>;
-    run.for_each_sphere(
-        Stage::gather_contacts, world.count,
-        SharedSmoothPass<Gather, has_walls>{{{step, world.grid(), world.neighbors(pass), output, world.velocity_change,
-                                              nullptr, world.pick, &watch->first_fault},
-                                             world.control}});
-    run.for_each(Stage::apply_contacts, world.count,
-                 SingleSmoothPass<ApplyContacts<Output>, has_walls>{
-                     {{step, world.grid(), output, world.velocity_change, nullptr, world.pick, watch}, world.control}});
+    // Of its output it writes the crowding alone, which is the same in every pass.
+    using Gather = GatherContacts<FrameListNeighbors, ToFrameSlots>;
+    run.for_each_sphere(Stage::gather_contacts, world.count,
+                        SharedFramePass<Gather, is_rough, has_walls>{
+                            {{step, world.grid(), world.neighbors(pass), world.to_slots(pass), world.velocity_change,
+                              world.turn, world.pick, &watch->first_fault, world.memory},
+                             world.control}});
+    run.for_each(
+        Stage::apply_contacts, world.count,
+        SingleFramePass<ApplyContacts<Output>, is_rough, has_walls>{
+            {{step, world.grid(), output, world.velocity_change, world.turn, world.pick, watch, world.memory.cleared},
+             world.control}});
+    world.memory = world.memory.next();
   }
   world.swap_state();
 }
 
-template <bool has_walls, class Run>
+template <bool is_rough, bool has_walls, class Run>
 void simulate_frame_by_its_lists(Run& run, FrameWorld& world, bool is_last) {
   make_frame_lists<has_walls>(run, world);
   const auto last = static_cast<std::uint32_t>(world.frame.iterations) - 1;
-  for (std::uint32_t pass = 0; pass < last; ++pass) run_pass<has_walls>(run, world, pass, world.to_slots(pass));
-  run_pass<has_walls>(run, world, last, world.to_next_frame(is_last));
+  for (std::uint32_t pass = 0; pass < last; ++pass)
+    run_pass<is_rough, has_walls>(run, world, pass, world.to_slots(pass));
+  run_pass<is_rough, has_walls>(run, world, last, world.to_next_frame(is_last));
 }
 
-template <bool has_walls, class Run>
+template <bool is_rough, bool has_walls, class Run>
 void simulate_frames_by_their_lists(Run& run, FrameWorld& world, std::int64_t frames) {
   ToNextFrame first = world.to_next_frame(false);
   first.to = world.state;
   run.for_each(Stage::load, world.count, LoadFrameSlots{world.is_new, world.bodies, world.constants, first});
   world.is_new = false;
-  run.repeat(world, frames - 1, [&] { simulate_frame_by_its_lists<has_walls>(run, world, false); });
-  simulate_frame_by_its_lists<has_walls>(run, world, true);
+  const auto simulate = [&](bool is_last) { simulate_frame_by_its_lists<is_rough, has_walls>(run, world, is_last); };
+  // What contacts remember from before the run is read by its first pass and no other: a frame that cannot be repeated.
+  const std::int64_t alone = is_rough && frames > 1 ? 1 : 0;
+  if (alone > 0) simulate(false);
+  run.repeat(world, frames - 1 - alone, [&] { simulate(false); });
+  simulate(true);
   run.for_each(Stage::store, world.count,
                StoreFrameBodies{{world.state, world.constants.ids, world.bodies},
                                 world.control,

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "data.hpp"
+#include "search/choose_grid.hpp"
 #include "text.hpp"
 
 namespace fastcollide {
@@ -90,6 +91,95 @@ GridShape choose_grid_shape(const Box& box, float largest_radius, float cell_siz
                     axes[i].boundary};
   };
   return {grid_axis(0), grid_axis(1), grid_axis(2)};
+}
+
+namespace {
+
+// Narrow along the row, so that a search looks at little else, and wide across, so that it begins few rows. In the
+// largest radius of the level.
+constexpr double narrow_edge = 1.0, wide_edge = 2.25;
+
+// Sum of r³, with the sizes in the middle of the octaves.
+double cubes_of(const RadiusSurvey& radii) {
+  double sum = 0;
+  for (int i = 0; i < octaves; ++i) {
+    sum += static_cast<double>(radii.octave_counts[i]) * std::pow(0.75 * std::ldexp(radii.largest, -i), 3.0);
+  }
+  return sum;
+}
+
+// Cells as wide as that; where an axis has more of them than `most_cells` allow, far ones share a number, as along an
+// open axis: wider ones would be crowded where the spheres lie together.
+GridShape choose_level_shape(const Box& box, double largest_radius, double most_cells) {
+  const std::array<Axis, 3> axes = axes_of(box);
+  std::array<double, 3> all{}, cells{};
+  for (std::size_t i = 0; i < 3; ++i) {
+    const double fitting = axes[i].extent() / ((i == 0 ? narrow_edge : wide_edge) * largest_radius);
+    all[i] = axes[i].boundary == Boundary::wall       ? std::max(1.0, std::ceil(fitting))
+             : axes[i].boundary == Boundary::periodic ? std::max(1.0, std::floor(fitting))
+                                                      : 1e9;
+    cells[i] = all[i];
+  }
+  while (cells[0] * cells[1] * cells[2] > most_cells) {
+    double& longest = *std::max_element(cells.begin(), cells.end());
+    longest = std::ceil(0.5 * longest);
+  }
+  const auto grid_axis = [&](std::size_t i) {
+    const bool goes_round = cells[i] < all[i];
+    double inverse = 1.0 / ((i == 0 ? narrow_edge : wide_edge) * largest_radius);
+    // Round a periodic axis a whole number of times.
+    if (axes[i].boundary == Boundary::periodic) inverse = std::floor(all[i] / cells[i]) * cells[i] / axes[i].extent();
+    const double origin = axes[i].boundary == Boundary::open ? 0.0 : axes[i].lower;
+    return GridAxis{static_cast<float>(origin), static_cast<float>(inverse), static_cast<int>(cells[i]),
+                    goes_round ? Boundary::open : axes[i].boundary};
+  };
+  return {grid_axis(0), grid_axis(1), grid_axis(2)};
+}
+
+}  // namespace
+
+double size_spread(const RadiusSurvey& radii) {
+  double count = 0;
+  for (const std::int64_t spheres : radii.octave_counts) count += static_cast<double>(spheres);
+  return count * std::pow(radii.largest, 3.0) / cubes_of(radii);
+}
+
+CellLevels one_level(const GridShape& shape) {
+  CellLevels levels{};
+  levels.count = 1;
+  levels.levels[0].shape = shape;
+  levels.cells = static_cast<std::uint32_t>(shape.x.cells * shape.y.cells * shape.z.cells);
+  return levels;
+}
+
+CellLevels choose_levels(const Box& box, const RadiusSurvey& radii, std::int64_t count, float margin) {
+  search::Population set{};
+  set.count = count;
+  set.largest_size = radii.largest;
+  // As if all lay in a heap: the box may be far larger.
+  std::copy(std::begin(radii.octave_counts), std::end(radii.octave_counts), set.octave_counts.begin());
+  for (double& end : set.high) end = std::cbrt(4.19 / 0.5 * cubes_of(radii));
+  CellLevels levels{};
+  levels.largest_exponent = exponent_of(radii.largest);
+  levels.margin = margin;
+  const std::array<int, octaves> firsts = search::first_octaves(set, {narrow_edge, wide_edge}, levels.count);
+  for (int k = 0; k < levels.count; ++k) {
+    const int begin = firsts[static_cast<std::size_t>(k)];
+    const int end = k + 1 < levels.count ? firsts[static_cast<std::size_t>(k) + 1] : octaves;
+    std::int64_t members = 0;
+    for (int octave = begin; octave < end; ++octave) {
+      members += radii.octave_counts[octave];
+      levels.level_of_octave[octave] = static_cast<std::uint8_t>(k);
+    }
+    CellLevel& level = levels.levels[k];
+    // Octaves end at powers of two; the first one has the largest sphere.
+    level.largest_radius = begin == 0 ? radii.largest : std::ldexp(1.0f, levels.largest_exponent - 127 - begin + 1);
+    level.shape =
+        choose_level_shape(box, level.largest_radius, std::clamp(4.0 * static_cast<double>(members), 4096.0, 0x1p27));
+    level.first_cell = levels.cells;
+    levels.cells += static_cast<std::uint32_t>(level.shape.x.cells * level.shape.y.cells * level.shape.z.cells);
+  }
+  return levels;
 }
 
 void refuse_value(const Box& box, Field field, std::int64_t id, const float* found) {

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "fastcollide/world.hpp"
-#include "physics/cell.hpp"
+#include "physics/levels.hpp"
 #include "stages/check_state.hpp"
 
 namespace fastcollide {
@@ -27,6 +27,25 @@ double smallest_cell_edge(const Box& box, float largest_radius);
 // margin: how far apart two surfaces may be that still have to be found [m].
 GridShape choose_grid_shape(const Box& box, float largest_radius, float cell_size, std::int64_t count,
                             float margin = 0);
+
+// Spheres by size: how many are in each octave below the largest.
+struct RadiusSurvey {
+  float largest;
+  std::int64_t octave_counts[octaves];
+};
+
+// r_max³ / ⟨r³⟩, from the sizes in the middle of the octaves: in a dense heap, how many spheres lie in a cell that
+// suits the largest.
+double size_spread(const RadiusSurvey& radii);
+
+// Beyond this, grids in levels.
+inline constexpr double widest_spread = 150;
+
+// Cells for all spheres.
+CellLevels one_level(const GridShape& shape);
+
+// Levels for the least expected time; one where the sizes differ little.
+CellLevels choose_levels(const Box& box, const RadiusSurvey& radii, std::int64_t count, float margin);
 
 // Throws the InvalidValue for sphere `id`, of which `found` holds the value.
 [[noreturn]] void refuse_value(const Box& box, Field field, std::int64_t id, const float* found);

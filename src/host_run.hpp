@@ -19,6 +19,11 @@ class HostRun {
   void for_each_sphere(Stage stage, std::int64_t n, const Pass& pass) {
     for_each(stage, n, pass);
   }
+  // Pass is one of contacts, group some slots that lie one after the other and the lanes that each is worth.
+  template <class Group, class Pass>
+  void for_each_of_group(Stage stage, const Group& group, const Pass& pass) {
+    timer_.time(backend_, stage, [&] { backend_.for_each_shared(group.first, group.count, group.lanes, pass); });
+  }
   template <class F>
   void alone(const F& f) {
     backend_.for_each(1, f);

@@ -9,6 +9,7 @@
 #include "grid_shape.hpp"
 #include "host_run.hpp"
 #include "listed_step.hpp"
+#include "slot_buffers.hpp"
 
 namespace fastcollide {
 
@@ -46,7 +47,7 @@ class ListedFrames {
     resize(world, bodies.spins != nullptr, frame.solver == Solver::substep);
     control_.watch = {};
     control_.frame = control_.pass = 0;
-    world.memory = memory.start_run(&device_control_.data()->watch);
+    world.memory = memory.start_run(&device_control_.data()->watch, frames * frame.iterations);
 
     for (;;) {
       run_once(world, timer);
@@ -106,17 +107,8 @@ class ListedFrames {
   void resize(ListedWorld& world, bool is_rough, bool has_crowding) {
     const std::int64_t count = world.count;
     count_ = 0;  // nothing is known should memory run out on the way
-    for (StateBuffers* state : {&state_, &other_state_}) {
-      state->position_radius.resize(count);
-      state->velocity_restitution.resize(count);
-      state->crowding.resize(has_crowding ? count : 0);
-      state->spins.resize(is_rough ? count : 0);
-    }
-    for (ConstantBuffers* constants : {&constants_, &other_constants_}) {
-      constants->ids.resize(count);
-      constants->masses.resize(count);
-      constants->frictions.resize(is_rough ? count : 0);
-    }
+    for (auto* state : {&state_, &other_state_}) state->resize(count, has_crowding, is_rough);
+    for (auto* constants : {&constants_, &other_constants_}) constants->resize(count, is_rough);
     for (auto* buffer : {&cell_of_slot_, &rank_of_slot_, &sorted_cells_}) buffer->resize(count);
     queue_places_ = static_cast<std::uint32_t>(std::max<std::int64_t>(count / 16, 256));
     queues_.resize(2 * std::int64_t(queue_places_));
@@ -151,24 +143,6 @@ class ListedFrames {
     return true;
   }
 
-  struct StateBuffers {
-    explicit StateBuffers(B& backend)
-        : position_radius(backend), velocity_restitution(backend), crowding(backend), spins(backend) {}
-    SlotState view() {
-      return {position_radius.data(), velocity_restitution.data(), crowding.size() > 0 ? crowding.data() : nullptr,
-              spins.size() > 0 ? spins.data() : nullptr};
-    }
-    typename B::template Buffer<Vec4> position_radius, velocity_restitution;
-    typename B::template Buffer<float> crowding;
-    typename B::template Buffer<Vec3> spins;
-  };
-  struct ConstantBuffers {
-    explicit ConstantBuffers(B& backend) : ids(backend), masses(backend), frictions(backend) {}
-    SlotConstants view() { return {ids.data(), masses.data(), frictions.size() > 0 ? frictions.data() : nullptr}; }
-    typename B::template Buffer<std::uint32_t> ids;
-    typename B::template Buffer<float> masses, frictions;
-  };
-
   void set_pointers(ListedWorld& world) {
     world.state = state_.view();
     world.other_state = other_state_.view();
@@ -198,8 +172,8 @@ class ListedFrames {
   std::uint32_t lanes_ = 0, capacity_ = 0, queue_places_ = 0;
   ListControl control_{};  // as the device left it
   typename B::template Buffer<ListControl> device_control_{backend_};
-  StateBuffers state_{backend_}, other_state_{backend_};
-  ConstantBuffers constants_{backend_}, other_constants_{backend_};
+  SlotStateBuffers<B> state_{backend_}, other_state_{backend_};
+  SlotConstantBuffers<B> constants_{backend_}, other_constants_{backend_};
   typename B::template Buffer<Vec4> built_{backend_};
   typename B::template Buffer<ListCount> list_counts_{backend_};
   typename B::template Buffer<Vec3> velocity_change_{backend_}, turn_{backend_};

@@ -39,12 +39,9 @@ struct ListedWorld {
 
   FC_HOST_DEVICE std::uint32_t contact_passes() const { return static_cast<std::uint32_t>(frame.iterations); }
   FC_HOST_DEVICE GridView grid() const {
-    return {shape,
-            period_of(frame.substep.box),
+    return {period_of(frame.substep.box),
             count,
             constants.ids,
-            cell_start,
-            cell_start + 1,
             state.position_radius,
             state.velocity_restitution,
             constants.masses,

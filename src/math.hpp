@@ -190,6 +190,19 @@ struct FixedPoint {
   float unit;   // 1 / scale
 };
 
+#if defined(FASTCOLLIDE_FREE_ORDER)
+// Only to measure what exact sums cost: the order of the terms decides the last bits.
+struct ExactSum3 {
+  float x = 0, y = 0, z = 0;
+};
+FC_HOST_DEVICE inline bool add_exactly(ExactSum3& sum, Vec3 term, FixedPoint) {
+  sum.x += term.x;
+  sum.y += term.y;
+  sum.z += term.z;
+  return true;
+}
+FC_HOST_DEVICE inline Vec3 value_of(ExactSum3 sum, FixedPoint) { return {sum.x, sum.y, sum.z}; }
+#else
 struct ExactSum3 {
   std::int64_t x = 0, y = 0, z = 0;
 };
@@ -208,14 +221,15 @@ FC_HOST_DEVICE inline bool add_exactly(ExactSum3& sum, Vec3 term, FixedPoint fix
   const bool z = add_exactly(sum.z, term.z, fixed);
   return x && y && z;
 }
+FC_HOST_DEVICE inline Vec3 value_of(ExactSum3 sum, FixedPoint fixed) {
+  return {static_cast<float>(sum.x) * fixed.unit, static_cast<float>(sum.y) * fixed.unit,
+          static_cast<float>(sum.z) * fixed.unit};
+}
+#endif
 FC_HOST_DEVICE inline void add(ExactSum3& sum, const ExactSum3& other) {
   sum.x += other.x;
   sum.y += other.y;
   sum.z += other.z;
-}
-FC_HOST_DEVICE inline Vec3 value_of(ExactSum3 sum, FixedPoint fixed) {
-  return {static_cast<float>(sum.x) * fixed.unit, static_cast<float>(sum.y) * fixed.unit,
-          static_cast<float>(sum.z) * fixed.unit};
 }
 
 // The finest scale whose range covers `range` (> 0).

@@ -8,6 +8,7 @@ namespace fastcollide {
 
 static_assert(Backend<CudaBackend>);
 extern template class FrameRuns<CudaBackend>;  // frame_runs_cuda.cu
+extern template class LevelRuns<CudaBackend>;  // level_runs_cuda.cu
 
 std::unique_ptr<Engine> make_cuda_engine(const WorldOptions& options, int device) {
   return std::make_unique<EngineOn<CudaBackend>>(options, CudaBackend(device, options.block_size));

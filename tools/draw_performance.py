@@ -1,8 +1,9 @@
-"""Draws the picture of docs/performance.md and writes its tables, both from benchmarks/results/*/bench.csv alone.
+"""Draws the picture of docs/performance.md and writes its tables, all from the CSV files of benchmarks/results alone.
 
 python tools/draw_performance.py            # needs matplotlib
 
-A machine comes onto the page by `fastcollide bench --output benchmarks/results/MACHINE` and a call of this.
+A machine comes onto the page by `fastcollide bench --output benchmarks/results/MACHINE` or `python
+benchmarks/mixed_sizes.py --output …` and a call of this.
 """
 
 import csv
@@ -13,6 +14,7 @@ RESULTS = ROOT / "benchmarks" / "results"
 PAGE = ROOT / "docs" / "performance.md"
 PICTURE = ROOT / "docs" / "pictures" / "performance.png"
 BEGIN, END = "<!-- figures -->\n", "<!-- end of figures -->\n"
+BEGIN_SIZES, END_SIZES = "<!-- sizes -->\n", "<!-- end of sizes -->\n"
 # What is drawn and shown: solver, whether by a new grid for every pass or the faster of the ways with lists, words for
 # it, colour.
 CURVES = (
@@ -120,11 +122,32 @@ def share_of_lists(row: dict) -> float:
     return (stages["make_lists_ms"] + stages["build_grid_ms"]) / sum(stages.values())
 
 
+def tables_of_sizes(results: Path = RESULTS) -> str:
+    """For each machine: a row for each ratio of sizes, a column for each number of spheres and way."""
+    parts = []
+    for path in sorted(results.glob("*/mixed_sizes.csv")):
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = [row for row in csv.DictReader(file) if row["solver"] == "substep"]
+        columns = list(dict.fromkeys((row["spheres"], row["method"]) for row in rows))
+        found = {(row["ratio"], row["spheres"], row["method"]): float(row["ms"]) for row in rows}
+        head = ["sizes", *(f"{int(spheres):,} by {method}" for spheres, method in columns)]
+        lines = [f"| {' | '.join(head)} |", "| " + " | ".join(["---"] * len(head)) + " |"]
+        for ratio in dict.fromkeys(row["ratio"] for row in rows):
+            figures = (found.get((ratio, *column)) for column in columns)
+            lines.append(f"| 1:{float(ratio):g} | {' | '.join('–' if ms is None else f'{ms:.3g}' for ms in figures)} |")
+        parts.append(
+            f"\n{rows[0]['device_name']} (`benchmarks/results/{path.parent.name}`):\n\n" + "\n".join(lines) + "\n"
+        )
+    return "".join(parts) + "\n"
+
+
 def updated(text: str, results: dict) -> str:
-    """The text of the page with the tables of these results between its two marks."""
-    before, rest = text.split(BEGIN)
-    _, after = rest.split(END)
-    return before + BEGIN + tables(results) + END + after
+    """The text of the page with the tables of these results between its marks."""
+    for begin, end, content in ((BEGIN, END, tables(results)), (BEGIN_SIZES, END_SIZES, tables_of_sizes())):
+        before, rest = text.split(begin)
+        _, after = rest.split(end)
+        text = before + begin + content + end + after
+    return text
 
 
 # --- The picture ---

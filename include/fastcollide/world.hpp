@@ -24,8 +24,9 @@ enum class Field : std::uint8_t;
 enum class Solver { substep, reference };
 
 // How neighbours are found; no result depends on it. cells: a grid for every pass; list: lists that are mended and hold
-// for many; frame: lists made for each frame, in worlds without friction and spin (list in others).
-enum class Method { automatic, cells, list, frame };
+// for many; frame: lists made for each frame; levels: a grid for each size of spheres, for every pass. automatic takes
+// levels where sizes differ much.
+enum class Method { automatic, cells, list, frame, levels };
 
 struct WorldOptions {
   std::array<float, 3> lower{-10, -10, 0}, upper{10, 10, 20};  // the box [m]

@@ -137,12 +137,7 @@ def devices_of(settings: BenchSettings) -> list[str]:
 def cases_of(settings: BenchSettings, device: str, spheres: int) -> list[Case]:
     """The cases of one size on one device: the yardstick first, wanted or not."""
     threads = settings.threads if device == "cpu" else None
-    cases = [
-        Case(device, spheres, solver, method, threads)
-        for solver in settings.solver
-        for method in settings.method
-        if (solver, method) != ("friction", "frame")  # the same as "list"
-    ]
+    cases = [Case(device, spheres, solver, method, threads) for solver in settings.solver for method in settings.method]
     return list(dict.fromkeys([Case(device, spheres, "", "", threads).yardstick, *cases]))
 
 

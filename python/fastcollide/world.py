@@ -80,8 +80,9 @@ class World:
         device: "cpu", "cuda", "cuda:N" or "auto", which takes a GPU if there is one; `World.device` says which.
         threads: of the CPU. None: all.
         method: how neighbours are found, which changes no result: "cells" (a new grid for every pass, simple), "list"
-            (lists that are mended and hold for many passes), "frame" (lists made for each frame; "list" where spheres
-            have friction or spin) or "auto" (the fastest: "frame" on a GPU, else "list").
+            (lists that are mended and hold for many passes), "frame" (lists made for each frame), "levels" (for each
+            size of spheres a grid of its own, new for every pass) or "auto": "levels" where sizes differ more than
+            about 10 times, else "frame" on a GPU and "list" on a CPU.
         block_size: of CUDA launches of method "cells", a multiple of 32 up to 512.
 
     Raises:

@@ -80,6 +80,16 @@ class CpuBackend {
     });
   }
 
+  // One sphere that is worth many lanes is a slab of its own.
+  template <class Pass>
+  void for_each_shared(std::int64_t first, std::int64_t count, int lanes, const Pass& pass) {
+    if (lanes == 1) return for_each(count, [&](std::int64_t i) { pass(first + i); });
+    const std::int64_t slabs = std::min<std::int64_t>(count, 4096);
+    run_slabs(threads_, static_cast<int>(slabs), [&](int slab) {
+      for (std::int64_t i = count * slab / slabs; i < count * (slab + 1) / slabs; ++i) pass(first + i);
+    });
+  }
+
   template <class F, class T, class Operation>
   T transform_reduce(std::int64_t n, const F& f, T identity, Operation combine) {
     std::vector<T> partial(static_cast<std::size_t>(slab_count(n)), identity);

@@ -20,6 +20,7 @@
 #include "concept.hpp"
 #include "fastcollide/errors.hpp"
 #include "grid_run.cuh"
+#include "lanes.cuh"
 
 namespace fastcollide {
 
@@ -126,6 +127,27 @@ class CudaBackend {
     const OnDevice on(device_);
     const std::int64_t blocks = (n + block_size_ - 1) / block_size_;
     run_for_each<<<static_cast<unsigned>(blocks), static_cast<unsigned>(block_size_), 0, stream_.get()>>>(n, f);
+    check(cudaGetLastError(), "kernel launch");
+  }
+
+  template <class Pass>
+  void for_each_shared(std::int64_t first, std::int64_t count, int lanes, const Pass& pass) {
+    if (count == 0) return;
+    const OnDevice on(device_);
+    const int threads = lanes > 128 ? lanes : 128;
+    const auto blocks = static_cast<unsigned>((count * lanes + threads - 1) / threads);
+    const auto start = [&](auto kernel) { kernel<<<blocks, threads, 0, stream_.get()>>>(first, count, pass); };
+    if (lanes == 512) {
+      start(run_for_each_shared<512, Pass>);
+    } else if (lanes == 128) {
+      start(run_for_each_shared<128, Pass>);
+    } else if (lanes == 32) {
+      start(run_for_each_shared<32, Pass>);
+    } else if (lanes == 8) {
+      start(run_for_each_shared<8, Pass>);
+    } else {
+      start(run_for_each_shared<1, Pass>);
+    }
     check(cudaGetLastError(), "kernel launch");
   }
 

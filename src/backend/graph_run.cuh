@@ -35,9 +35,10 @@ __global__ void __launch_bounds__(graph_run_threads) run_stage(std::int64_t n, c
   if (i < n) f(i);
 }
 
-// `lanes` threads of a warp share one sphere. 64 registers: more threads wait for memory at the same time.
+// `lanes` threads of a warp share one sphere. 64 registers: more threads wait for memory at the same time. A rough pass
+// gets 96, as it would keep too much in memory with fewer.
 template <int lanes, class Pass>
-__global__ void __launch_bounds__(graph_run_threads, 8)
+__global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 5 : 8)
     run_shared_pass(std::int64_t count, const __grid_constant__ Pass pass) {
   wait_for_stage_before();
   const std::int64_t row = std::int64_t(blockIdx.x) * blockDim.x + threadIdx.x, slot = row / lanes;

@@ -10,11 +10,13 @@ enum class Field : std::uint8_t { position, velocity, radius, mass, restitution,
 struct StateCheck {
   std::uint64_t first_bad = no_fault;  // id * 8 + field
   std::uint64_t largest_radius = 0;    // bits of a positive float; as wide as the other, to leave no gap between them
-  std::uint64_t largest_friction = 0;  // likewise
+  std::uint64_t smallest_radius = ~std::uint64_t(0);  // likewise
+  std::uint64_t largest_friction = 0;                 // likewise
   struct Operation {
     FC_HOST_DEVICE StateCheck operator()(StateCheck a, const StateCheck& b) const {
       if (b.first_bad < a.first_bad) a.first_bad = b.first_bad;
       if (b.largest_radius > a.largest_radius) a.largest_radius = b.largest_radius;
+      if (b.smallest_radius < a.smallest_radius) a.smallest_radius = b.smallest_radius;
       if (b.largest_friction > a.largest_friction) a.largest_friction = b.largest_friction;
       return a;
     }
@@ -35,7 +37,9 @@ struct CheckBody {
   const float* frictions;  // or null
 
   FC_HOST_DEVICE StateCheck operator()(std::int64_t i) const {
-    const auto bad = [i](Field field) { return StateCheck{std::uint64_t(i) * 8 + std::uint64_t(field), 0, 0}; };
+    const auto bad = [i](Field field) {
+      return StateCheck{std::uint64_t(i) * 8 + std::uint64_t(field), 0, ~std::uint64_t(0), 0};
+    };
     if (!(radii[i] >= smallest_radius && radii[i] <= largest_radius)) return bad(Field::radius);
     if (!is_finite(positions[i]) || !is_in_reach(positions[i], radii[i], box)) return bad(Field::position);
     if (!is_finite(velocities[i])) return bad(Field::velocity);
@@ -44,7 +48,31 @@ struct CheckBody {
     if (spins != nullptr && !is_finite(spins[i])) return bad(Field::spin);
     if (frictions != nullptr && !(frictions[i] >= 0.0f && frictions[i] <= largest_friction))
       return bad(Field::friction);
-    return {no_fault, bits_of(radii[i]), frictions == nullptr ? 0u : bits_of(frictions[i])};
+    return {no_fault, bits_of(radii[i]), bits_of(radii[i]), frictions == nullptr ? 0u : bits_of(frictions[i])};
+  }
+};
+
+// How many spheres are smaller than each limit.
+struct SmallerCounts {
+  std::uint32_t counts[octaves - 1] = {};
+  struct Operation {
+    FC_HOST_DEVICE SmallerCounts operator()(SmallerCounts a, const SmallerCounts& b) const {
+      for (int i = 0; i < octaves - 1; ++i) a.counts[i] += b.counts[i];
+      return a;
+    }
+  };
+};
+
+// Limits from octave to octave. (To compare the number of the octave with each would be simpler, but nvcc 13.0 then
+// counts every sphere in the last one.)
+struct SmallerThanLimits {
+  const float* radii;
+  float limits[octaves - 1];
+
+  FC_HOST_DEVICE SmallerCounts operator()(std::int64_t i) const {
+    SmallerCounts found;
+    for (int k = 0; k < octaves - 1; ++k) found.counts[k] = radii[i] < limits[k] ? 1 : 0;
+    return found;
   }
 };
 

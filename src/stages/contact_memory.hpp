@@ -14,9 +14,11 @@ namespace fastcollide {
 
 inline constexpr std::uint32_t places_in_row = 6;
 
-struct alignas(8) MemoryRow {
+// Tells with one read which entry is whose.
+struct alignas(32) MemoryRow {
   std::uint32_t count;
   std::uint32_t last_chained;  // 1 + its place; 0: none
+  std::uint32_t partners[places_in_row];
 };
 
 // An entry is one of these: slide and the partner's id; where spheres resist rolling a second one follows: roll.
@@ -35,25 +37,23 @@ struct MemoryRows {
   std::uint32_t chained_places;
   std::uint32_t width;  // words in an entry
 
-  FC_HOST_DEVICE bool read(const MemoryWord* entry, std::uint32_t partner, ContactStretch& found) const {
-    if (entry->partner != partner) return false;
-    found.slide = entry->vector;
-    if (width > 1) found.roll = entry[1].vector;
-    return true;
+  FC_HOST_DEVICE ContactStretch read(const MemoryWord* entry) const {
+    return {entry->vector, width > 1 ? entry[1].vector : Vec3{0, 0, 0}};
   }
   // None where there is no entry.
   FC_HOST_DEVICE ContactStretch find(std::uint32_t owner, std::uint32_t partner) const {
-    ContactStretch found{{0, 0, 0}, {0, 0, 0}};
     const MemoryRow row = rows[owner];
-    const std::uint32_t here = row.count < places_in_row ? row.count : places_in_row;
-    const MemoryWord* entry = entries + std::int64_t(owner) * places_in_row * width;
-    for (std::uint32_t i = 0; i < here; ++i, entry += width) {
-      if (read(entry, partner, found)) return found;
+    std::uint32_t place = places_in_row;
+    FC_UNROLL
+    for (std::uint32_t i = 0; i < places_in_row; ++i) {
+      if (i < row.count && row.partners[i] == partner) place = i;
     }
+    if (place < places_in_row) return read(entries + (std::int64_t(owner) * places_in_row + place) * width);
     for (std::uint32_t next = row.last_chained; next != 0; next = chained_before[next - 1]) {
-      if (read(chained + std::int64_t(next - 1) * width, partner, found)) return found;
+      const MemoryWord* entry = chained + std::int64_t(next - 1) * width;
+      if (entry->partner == partner) return read(entry);
     }
-    return found;
+    return {{0, 0, 0}, {0, 0, 0}};
   }
   // Several lanes may add to a row at the same time. Returns how many chained places there should be, 0 where there is
   // one.
@@ -65,13 +65,15 @@ struct MemoryRows {
       if (more >= chained_places) return more + 1;
       entry = chained + std::int64_t(more) * width;
       chained_before[more] = atomic_exchange(&rows[owner].last_chained, more + 1);
+    } else {
+      rows[owner].partners[place] = partner;
     }
     entry[0] = {stretch.slide, partner};
     if (width > 1) entry[1] = {stretch.roll, partner};
     return 0;
   }
   FC_HOST_DEVICE void clear(std::uint32_t owner) const {
-    rows[owner] = {0, 0};
+    rows[owner].count = rows[owner].last_chained = 0;
     if (owner == 0) *chained_count = 0;
   }
 };
@@ -83,6 +85,7 @@ struct MemoryPass {
   std::uint64_t* wanted;  // most chained entries that a pass had
 
   FC_HOST_DEVICE bool is_kept() const { return from.rows != nullptr; }
+  MemoryPass next() const { return {to, cleared, to, wanted}; }
   FC_HOST_DEVICE static bool is_owner(const Sphere& self, const Sphere& other) {
     return is_fixed(other.mass) || self.radius < other.radius || (self.radius == other.radius && self.id < other.id);
   }

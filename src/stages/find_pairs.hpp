@@ -2,13 +2,14 @@
 #pragma once
 
 #include "../physics/overlap.hpp"
-#include "neighbors.hpp"
+#include "level_neighbors.hpp"
 
 namespace fastcollide {
 
 // Calls visit(other) for each slot whose sphere overlaps this one and has a larger id: every pair once.
 template <class Visit>
-FC_HOST_DEVICE inline void visit_pairs_of(const GridView& grid, std::int64_t slot, Visit& visit) {
+FC_HOST_DEVICE inline void visit_pairs_of(const GridView& grid, const CellNeighbors& neighbors, std::int64_t slot,
+                                          Visit& visit) {
   const Vec4 here = grid.position_radius[slot];
   const Vec3 position{here.x, here.y, here.z};
   const std::uint32_t id = grid.ids[slot];
@@ -17,17 +18,18 @@ FC_HOST_DEVICE inline void visit_pairs_of(const GridView& grid, std::int64_t slo
     const Vec4 there = grid.position_radius[other];
     if (overlaps(position, here.w, {there.x, there.y, there.z}, there.w, grid.period)) visit(other);
   };
-  visit_neighbor_cells(grid, slot, position, visit_candidate);
+  neighbors.visit(grid, slot, position, Lane{}, visit_candidate);
 }
 
 struct CountPairs {
   GridView grid;
+  CellNeighbors neighbors;
   std::int64_t* counts;  // in the order of the ids
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
     std::int64_t count = 0;
     auto visit = [&](std::int64_t) { ++count; };
-    visit_pairs_of(grid, slot, visit);
+    visit_pairs_of(grid, neighbors, slot, visit);
     counts[grid.ids[slot]] = count;
   }
 };
@@ -54,6 +56,7 @@ FC_HOST_DEVICE inline void sort_row(std::uint32_t* row, std::int64_t count) {
 
 struct FillPairs {
   GridView grid;
+  CellNeighbors neighbors;
   const std::int64_t* offsets;
   std::uint32_t* first;
   std::uint32_t* second;
@@ -67,7 +70,7 @@ struct FillPairs {
       second[next] = grid.ids[other];
       ++next;
     };
-    visit_pairs_of(grid, slot, visit);
+    visit_pairs_of(grid, neighbors, slot, visit);
     sort_row(second + begin, next - begin);
   }
 };
@@ -93,7 +96,7 @@ template <Backend B>
 std::int64_t count_pairs(B& backend, const Grid<B>& grid, Contacts<B>& contacts) {
   const std::int64_t count = grid.ids.size();
   contacts.offsets.resize(count + 1);
-  backend.for_each(count, CountPairs{view_of(grid), contacts.offsets.data()});
+  backend.for_each(count, CountPairs{view_of(grid), neighbors_in(grid), contacts.offsets.data()});
   backend.exclusive_scan(contacts.offsets.data(), count);
   std::int64_t total = 0;
   backend.copy_to_host(&total, static_cast<const std::int64_t*>(contacts.offsets.data()) + count, 1);
@@ -107,8 +110,8 @@ void find_pairs(B& backend, const Grid<B>& grid, const Bodies<B>& bodies, Contac
   contacts.second.resize(total);
   contacts.gap.resize(total);
   contacts.normal.resize(total);
-  backend.for_each(grid.ids.size(),
-                   FillPairs{view_of(grid), contacts.offsets.data(), contacts.first.data(), contacts.second.data()});
+  backend.for_each(grid.ids.size(), FillPairs{view_of(grid), neighbors_in(grid), contacts.offsets.data(),
+                                              contacts.first.data(), contacts.second.data()});
   backend.for_each(total, MeasurePairs{grid.period, bodies.positions.data(), bodies.radii.data(), contacts.first.data(),
                                        contacts.second.data(), contacts.gap.data(), contacts.normal.data()});
 }

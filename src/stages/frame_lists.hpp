@@ -14,6 +14,8 @@ namespace fastcollide {
 struct FrameControl {
   std::uint32_t frame;             // counted from 0 in a run; of the lists that are made
   std::uint32_t next_slot;         // that the next block of cells takes
+  std::uint32_t next_chunk;        // that the next list too long for its rows takes
+  std::uint32_t most_chunks;       // that a frame wanted
   std::uint32_t void_lists;        // too short, in all frames
   std::uint32_t longest;           // that a pass wanted, where it found more than a list and strays have room for
   std::uint32_t stray_records[3];  // in turn: of the pass before, of this one, of the next
@@ -22,16 +24,36 @@ struct FrameControl {
 };
 
 // Entry k of a sphere belongs to lane k % lanes. Spheres whose entries are read at the same time lie side by side:
-// `width` words hold one entry of each lane of width / lanes spheres. A count may be larger than the places: then the
-// list is void, and its sphere looks through the grid in each pass.
+// `width` words hold one entry of each lane of width / lanes spheres. Where a sphere has one lane, a list too long for
+// its rows goes on in a chunk of its own. A count may be larger than the places: then the list is void, and its sphere
+// looks through the grid in each pass.
 struct FrameLists {
+  static constexpr std::uint32_t chunk_places = 96;
+
   std::uint32_t* entries;
   std::uint32_t* counts;
   std::uint32_t rows;  // entries of one lane
   std::uint32_t lane_bits, width_bits;
+  std::uint32_t* chunk_of_slot;  // 1 + its number; 0: none
+  std::uint32_t* chunk_entries;
+  std::uint32_t chunks;  // that there are
 
   FC_HOST_DEVICE std::uint32_t lanes() const { return 1u << lane_bits; }
-  FC_HOST_DEVICE std::uint32_t places() const { return rows << lane_bits; }             // of a sphere
+  FC_HOST_DEVICE std::uint32_t places() const { return rows << lane_bits; }  // of a sphere without a chunk
+  FC_HOST_DEVICE std::uint32_t places_of(std::int64_t slot) const {
+    if (chunks == 0 || counts[slot] <= rows || chunk_of_slot[slot] == 0) return places();
+    return rows + chunk_places;
+  }
+  // As chunk_of_slot.
+  FC_HOST_DEVICE std::uint32_t take_chunk(FrameControl* control) const {
+    const std::uint32_t chunk = atomic_add(&control->next_chunk, 1);
+    if (chunk < chunks) return chunk + 1;
+    atomic_max(&control->most_chunks, chunk + 1);
+    return 0;
+  }
+  FC_HOST_DEVICE std::uint32_t* entries_of_chunk(std::uint32_t chunk) const {
+    return chunk_entries + std::int64_t(chunk - 1) * chunk_places;
+  }
   FC_HOST_DEVICE std::int64_t stride() const { return std::int64_t(1) << width_bits; }  // from row to row
   FC_HOST_DEVICE std::uint32_t* of_lane(std::int64_t slot, std::uint32_t lane) const {
     const std::uint32_t sphere_bits = width_bits - lane_bits;
@@ -201,16 +223,22 @@ struct RecordFrameLists {
       found.move_to(lists, slot, control);
     } else {
       std::uint32_t* place = lists.of_lane(slot, 0);
-      std::uint32_t found = 0;
+      std::uint32_t found = 0, chunk = 0;
       auto record = [&](std::uint32_t other, Vec4 there) {
         if (!are_listed(self, there, period, sorted.law.reach) || other == slot) return;
-        if (found < lists.rows) *place = other;
-        place += lists.stride();
+        if (found == lists.rows) {
+          chunk = lists.take_chunk(control);
+          if (chunk > 0) place = lists.entries_of_chunk(chunk);
+        }
+        if (found < lists.rows || (chunk > 0 && found < lists.rows + FrameLists::chunk_places)) *place = other;
+        place += found < lists.rows ? lists.stride() : 1;
         ++found;
       };
       visit_sorted(sorted, position, range, Lane{}, record);
       lists.counts[slot] = found;
-      if (found > lists.rows) atomic_add(&control->void_lists, 1);
+      if (found <= lists.rows) return;
+      lists.chunk_of_slot[slot] = chunk;
+      if (found > lists.places_of(slot)) atomic_add(&control->void_lists, 1);
     }
   }
 };
@@ -230,17 +258,20 @@ struct FrameListNeighbors {
   template <class Visit>
   FC_HOST_DEVICE void visit(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane, Visit& visit) const {
     std::uint32_t* list = lists.of_lane(slot, static_cast<std::uint32_t>(lane.index));
-    const bool is_void = lists.counts[slot] > lists.places();
+    const bool is_void = lists.counts[slot] > lists.places_of(slot);
     const std::uint32_t all = is_void ? 0 : lists.counts[slot];
     // Entries of this lane, and the first row that no lane uses.
     const std::uint32_t own = (all + lists.lanes() - 1 - static_cast<std::uint32_t>(lane.index)) >> lists.lane_bits;
     const std::uint32_t rows = (all + lists.lanes() - 1) >> lists.lane_bits;
+    std::uint32_t* chunk = nullptr;
+    if (lane.count == 1 && all > lists.rows) chunk = lists.entries_of_chunk(lists.chunk_of_slot[slot]);
     std::uint32_t unlisted = 0;
     if (!is_first && strays.are_there()) {
-      unlisted = write_unlisted(grid, slot, position, lane, list, rows);
+      unlisted = write_unlisted(grid, slot, position, lane, list, chunk, rows);
     }
     const auto slot_at = [&](std::uint32_t i) {
-      return list[std::int64_t(i < own ? i : i - own + rows) * lists.stride()];
+      const std::uint32_t row = i < own ? i : i - own + rows;
+      return lane.count == 1 && row >= lists.rows ? chunk[row - lists.rows] : list[std::int64_t(row) * lists.stride()];
     };
     visit_near(grid.position_radius, grid.period, position, grid.position_radius[slot].w + sorted.law.reach,
                own + unlisted, slot_at, visit);
@@ -260,18 +291,30 @@ struct FrameListNeighbors {
 
   // Behind the list, from `row` on, for this pass alone: what only strays bring near. Returns how many.
   FC_HOST_DEVICE std::uint32_t write_unlisted(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane,
-                                              std::uint32_t* list, std::uint32_t row) const {
+                                              std::uint32_t* list, std::uint32_t*& chunk, std::uint32_t row) const {
     const Vec4 self = sorted.balls[slot];
     const float radius = grid.position_radius[slot].w;
     std::uint32_t found = 0;
     auto write = [&](std::uint32_t other) {
       if (other == slot || are_listed(self, sorted.balls[other], grid.period, sorted.law.reach)) return;
-      if (row + found < lists.rows) {
-        list[std::int64_t(row + found) * lists.stride()] = other;
+      const std::uint32_t here = row + found;
+      if (here < lists.rows) {
+        list[std::int64_t(here) * lists.stride()] = other;
         ++found;
-      } else {
-        atomic_max(&strays.control->longest, (row + found + 1) << lists.lane_bits);
+        return;
       }
+      if (lane.count == 1) {
+        if (chunk == nullptr) {
+          const std::uint32_t taken = lists.take_chunk(strays.control);
+          if (taken > 0) chunk = lists.entries_of_chunk(taken);
+        }
+        if (chunk != nullptr && here < lists.rows + FrameLists::chunk_places) {
+          chunk[here - lists.rows] = other;
+          ++found;
+          return;
+        }
+      }
+      atomic_max(&strays.control->longest, (here + 1) << lists.lane_bits);
     };
     int turn = 0;
     auto share = [&](std::uint32_t other) {
@@ -304,9 +347,10 @@ struct ToFrameSlots {
     period = {0, 0, 0};
     fastcollide::assume_walls(strays.coarse);
   }
-  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3) const {
+  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
     to.position_radius[slot] = {position.x, position.y, position.z, sphere.radius};
     to.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, sphere.restitution};
+    if (to.spins != nullptr) to.spins[slot] = spin;
     if (is_out_of_skin(sorted.balls[slot], sphere.radius, position, period)) {
       strays.add(static_cast<std::uint32_t>(slot), position,
                  sphere.radius + sorted.law.reach + sorted.law.largest_radius);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "contact_memory.hpp"
+#include "level_neighbors.hpp"
 #include "substep_scratch.hpp"
 
 namespace fastcollide {
@@ -223,15 +224,10 @@ void gather_contacts(B& backend, const Substep& substep, const Grid<B>& grid, Bo
   scratch.velocity_change.resize(bodies.count());
   scratch.pick.resize(bodies.count());
   scratch.turn.resize(bodies.is_rough ? bodies.count() : 0);
-  backend.for_each(bodies.count(), GatherContacts<CellNeighbors, ToBodies>{substep,
-                                                                           view_of(grid),
-                                                                           {},
-                                                                           to_bodies(bodies, scratch),
-                                                                           scratch.velocity_change.data(),
-                                                                           scratch.turn.data(),
-                                                                           scratch.pick.data(),
-                                                                           first_fault,
-                                                                           memory});
+  backend.for_each(bodies.count(),
+                   GatherContacts<CellNeighbors, ToBodies>{
+                       substep, view_of(grid), neighbors_in(grid), to_bodies(bodies, scratch),
+                       scratch.velocity_change.data(), scratch.turn.data(), scratch.pick.data(), first_fault, memory});
 }
 
 }  // namespace fastcollide

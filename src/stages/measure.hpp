@@ -165,7 +165,8 @@ Ledger measure_ledger(B& backend, Vec3 gravity, const Box& box, const Bodies<B>&
 
 // Calls visit(other, depth) for each contact of a slot with a larger id that could part them: two fixed spheres never.
 template <class Visit>
-FC_HOST_DEVICE inline void visit_overlaps_of(const GridView& grid, std::int64_t slot, Visit& visit) {
+FC_HOST_DEVICE inline void visit_overlaps_of(const GridView& grid, const CellNeighbors& neighbors, std::int64_t slot,
+                                             Visit& visit) {
   const Vec4 here = grid.position_radius[slot];
   auto visit_pair = [&](std::int64_t other) {
     if (is_fixed(grid.masses[slot]) && is_fixed(grid.masses[other])) return;
@@ -175,18 +176,19 @@ FC_HOST_DEVICE inline void visit_overlaps_of(const GridView& grid, std::int64_t 
                          grid.ids[other], grid.period);
     visit(other, larger(contact.depth, 0.0f));  // decided in double precision, measured in single
   };
-  visit_pairs_of(grid, slot, visit_pair);
+  visit_pairs_of(grid, neighbors, slot, visit_pair);
 }
 
 // Into another sphere or, of a sphere that walls hold, into a wall. Non-negative floats order like their bits.
 struct DeepestOverlap {
   Box box;
   GridView grid;
+  CellNeighbors neighbors;
 
   FC_HOST_DEVICE std::uint32_t operator()(std::int64_t slot) const {
     float deepest = 0.0f;
     auto visit = [&](std::int64_t, float depth) { deepest = larger(deepest, depth); };
-    visit_overlaps_of(grid, slot, visit);
+    visit_overlaps_of(grid, neighbors, slot, visit);
     auto visit_wall = [&](Vec3, float depth, bool) { deepest = larger(deepest, depth); };
     const Vec4 here = grid.position_radius[slot];
     if (!is_fixed(grid.masses[slot])) visit_walls({here.x, here.y, here.z}, here.w, box, visit_wall);
@@ -196,7 +198,7 @@ struct DeepestOverlap {
 
 template <Backend B>
 float measure_max_overlap(B& backend, const Box& box, const Grid<B>& grid) {
-  const DeepestOverlap overlap{box, view_of(grid)};
+  const DeepestOverlap overlap{box, view_of(grid), neighbors_in(grid)};
   return float_of(backend.transform_reduce(grid.ids.size(), overlap, std::uint32_t(0), Larger{}));
 }
 
@@ -217,13 +219,14 @@ FC_HOST_DEVICE inline double part_of_smaller_radius(float depth, const GridView&
 
 struct SizeOfOverlaps {
   GridView grid;
+  CellNeighbors neighbors;
 
   FC_HOST_DEVICE OverlapSize operator()(std::int64_t slot) const {
     OverlapSize size;
     auto visit = [&](std::int64_t other, float depth) {
       size = OverlapSize::Operation{}(size, {1, part_of_smaller_radius(depth, grid, slot, other)});
     };
-    visit_overlaps_of(grid, slot, visit);
+    visit_overlaps_of(grid, neighbors, slot, visit);
     return size;
   }
 };
@@ -231,13 +234,14 @@ struct SizeOfOverlaps {
 struct RoundOverlaps {
   double scale;  // a power of two
   GridView grid;
+  CellNeighbors neighbors;
 
   FC_HOST_DEVICE std::int64_t operator()(std::int64_t slot) const {
     std::int64_t sum = 0;
     auto visit = [&](std::int64_t other, float depth) {
       sum += round_to_int64(part_of_smaller_radius(depth, grid, slot, other) * scale);
     };
-    visit_overlaps_of(grid, slot, visit);
+    visit_overlaps_of(grid, neighbors, slot, visit);
     return sum;
   }
 };
@@ -245,11 +249,11 @@ struct RoundOverlaps {
 template <Backend B>
 double measure_mean_overlap(B& backend, const Grid<B>& grid) {
   const std::int64_t slots = grid.ids.size();
-  const OverlapSize size =
-      backend.transform_reduce(slots, SizeOfOverlaps{view_of(grid)}, OverlapSize{}, OverlapSize::Operation{});
+  const OverlapSize size = backend.transform_reduce(slots, SizeOfOverlaps{view_of(grid), neighbors_in(grid)},
+                                                    OverlapSize{}, OverlapSize::Operation{});
   if (size.count == 0) return 0.0;
   const int exponent = exponent_for(size.largest, size.count);
-  const RoundOverlaps overlaps{std::ldexp(1.0, exponent), view_of(grid)};
+  const RoundOverlaps overlaps{std::ldexp(1.0, exponent), view_of(grid), neighbors_in(grid)};
   const std::int64_t sum = backend.transform_reduce(slots, overlaps, std::int64_t(0), Sum{});
   return std::ldexp(static_cast<double>(sum), -exponent) / static_cast<double>(size.count);
 }

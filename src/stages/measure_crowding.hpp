@@ -1,6 +1,7 @@
 // How crowded each sphere is, where no substep before has told.
 #pragma once
 
+#include "level_neighbors.hpp"
 #include "substep_scratch.hpp"
 
 namespace fastcollide {
@@ -9,6 +10,7 @@ struct MeasureCrowding {
   SoftContactLaw law;
   Box box;
   GridView grid;
+  CellNeighbors neighbors;
   float* crowding;
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
@@ -26,7 +28,7 @@ struct MeasureCrowding {
       const float weight = mass_weight(self.mass, neighbor.mass) * load_weight_in(grid, pair.contact.depth, law);
       add_contact(sum, pair.contact.normal, weight);
     };
-    visit_neighbor_cells(grid, slot, self.position, visit);
+    neighbors.visit(grid, slot, self.position, Lane{}, visit);
     auto visit_wall = [&](Vec3 normal, float depth, int) {
       if (depth <= 0.0f || dot(self.velocity, normal) < -law.impact_speed) return;
       add_contact(sum, normal, load_weight_in(grid, depth, law));
@@ -42,7 +44,7 @@ void measure_crowding(B& backend, const SoftContactLaw& law, const Box& box, con
   const std::int64_t count = grid.ids.size();
   scratch.crowding.resize(count);
   if (law.gravity == 0.0f) return backend.fill_zero(scratch.crowding.data(), count);
-  backend.for_each(count, MeasureCrowding{law, box, view_of(grid), scratch.crowding.data()});
+  backend.for_each(count, MeasureCrowding{law, box, view_of(grid), neighbors_in(grid), scratch.crowding.data()});
 }
 
 }  // namespace fastcollide

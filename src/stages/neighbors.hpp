@@ -6,40 +6,11 @@
 
 namespace fastcollide {
 
-// Calls visit(other) for each other slot in the 27 cells around the position.
-template <class Visit>
-FC_HOST_DEVICE inline void visit_neighbor_cells(const GridView& grid, std::int64_t slot, Vec3 position, Visit& visit) {
-  const GridShape& shape = grid.shape;
-  const Vec3i center = cell_of(position, shape);
-  const CellRange xs = adjacent_cells(center.x, shape.x);
-  const CellRange ys = adjacent_cells(center.y, shape.y);
-  const CellRange zs = adjacent_cells(center.z, shape.z);
-  for (int k = 0; k < zs.count; ++k) {
-    for (int j = 0; j < ys.count; ++j) {
-      for (int i = 0; i < xs.count; ++i) {
-        const std::uint32_t cell = cell_hash(
-            {cell_in_range(xs, i, shape.x), cell_in_range(ys, j, shape.y), cell_in_range(zs, k, shape.z)}, shape);
-        const std::uint32_t end = grid.cell_end[cell];
-        for (std::uint32_t other = grid.cell_start[cell]; other < end; ++other) {
-          if (other != slot) visit(other);
-        }
-      }
-    }
-  }
-}
-
 // How a contact pass is run: as two steps, so that lanes can add up what they gathered in between.
 template <class Pass>
 FC_HOST_DEVICE inline void run_alone(const Pass& pass, std::int64_t slot) {
   pass.finish(slot, pass.gather(slot, Lane{}));
 }
-
-struct CellNeighbors {
-  template <class Visit>
-  FC_HOST_DEVICE void visit(const GridView& grid, std::int64_t slot, Vec3 position, Lane, Visit& visit) const {
-    visit_neighbor_cells(grid, slot, position, visit);
-  }
-};
 
 // Writes to the bodies, in the order of the ids.
 struct ToBodies {

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "../physics/wall.hpp"
-#include "neighbors.hpp"
+#include "level_neighbors.hpp"
 
 namespace fastcollide {
 
@@ -75,8 +75,8 @@ template <Backend B>
 void solve_contacts(B& backend, const SolverScales& scales, const Box& box, std::uint32_t frame, const Grid<B>& grid,
                     Bodies<B>& bodies, std::uint64_t* first_fault) {
   const ToBodies output{bodies.positions.data(), bodies.velocities.data(), nullptr, nullptr};
-  backend.for_each(bodies.count(),
-                   SolveContacts<CellNeighbors, ToBodies>{scales, box, frame, view_of(grid), {}, output, first_fault});
+  backend.for_each(bodies.count(), SolveContacts<CellNeighbors, ToBodies>{scales, box, frame, view_of(grid),
+                                                                          neighbors_in(grid), output, first_fault});
 }
 
 }  // namespace fastcollide

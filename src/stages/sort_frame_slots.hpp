@@ -33,7 +33,7 @@ struct ToNextFrame {
     fastcollide::assume_walls(counter.shape);
     fastcollide::assume_walls(advance.box);
   }
-  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3) const {
+  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
     if (must_advance && !is_last) {
       AdvanceSphere next = advance;
       next.frame = control->frame + 1;
@@ -41,6 +41,7 @@ struct ToNextFrame {
     }
     to.position_radius[slot] = {position.x, position.y, position.z, sphere.radius};
     to.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, sphere.restitution};
+    if (to.spins != nullptr) to.spins[slot] = spin;
     if (!is_last) counter.count(slot, position);
   }
   FC_HOST_DEVICE void write_crowding(std::int64_t slot, const Sphere&, float value) const { to.crowding[slot] = value; }
@@ -60,7 +61,12 @@ struct LoadFrameSlots {
     constants.ids[slot] = id;
     constants.masses[slot] = sphere.mass;
     if (output.to.crowding != nullptr) output.to.crowding[slot] = bodies.crowding[id];
-    output.write(slot, sphere, sphere.position, sphere.velocity, {0, 0, 0});
+    Vec3 spin{0, 0, 0};
+    if (output.to.spins != nullptr) {
+      spin = bodies.spins[id];
+      constants.frictions[slot] = bodies.frictions[id];
+    }
+    output.write(slot, sphere, sphere.position, sphere.velocity, spin);
   }
 };
 
@@ -82,10 +88,14 @@ struct ScatterFrameSlots {
     to_constants.ids[place] = from_constants.ids[slot];
     to_constants.masses[place] = from_constants.masses[slot];
     if (from.crowding != nullptr) to.crowding[place] = from.crowding[slot];
+    if (from.spins != nullptr) {
+      to.spins[place] = from.spins[slot];
+      to_constants.frictions[place] = from_constants.frictions[slot];
+    }
     list_counts[place] = 0;
     if (slot > 0) return;
     ++control->frame;
-    control->next_slot = 0;
+    control->next_slot = control->next_chunk = 0;
     control->stray_records[0] = control->stray_records[1] = control->stray_records[2] = 0;
   }
 };

@@ -49,7 +49,7 @@ FC_HOST_DEVICE inline Sphere falling_sphere_in_slot(const GridView& grid, std::i
 FC_HOST_DEVICE inline bool is_near(const Sphere& self, const GridView& grid, std::int64_t other, float margin) {
   const Vec4 there = grid.position_radius[other];
   const Vec3 offset = separation(self.position, {there.x, there.y, there.z}, grid.period);
-  const float reach = self.radius + there.w + margin;
+  const float reach = self.radius + there.w + margin_of_pair(self.radius, there.w, margin);
   return dot(offset, offset) <= reach * reach;
 }
 

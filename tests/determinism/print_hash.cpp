@@ -1,6 +1,7 @@
 // Runs the report's scene through the public C++ interface and prints the hashes of its start, its end and a picture.
-//   print_hash [particles [frames [device [threads [block_size [reference | smooth | rough [cells | list | frame]]]]]]]
-// smooth and rough are the default solver without and with friction, rolling resistance and fixed spheres.
+//   print_hash [particles [frames [device [threads [block_size [kind [cells | list | frame | levels]]]]]]]
+// Kinds: reference; smooth and rough are the default solver without and with friction, rolling resistance and fixed
+// spheres; mixed is smooth, with most spheres 32 times smaller in a smaller box.
 #include <cinttypes>
 #include <cstdio>
 #include <cstdlib>
@@ -46,6 +47,12 @@ int main(int argc, char** argv) {
     random.lower = {-edge * 0.625f, -edge * 0.625f, 0};
     random.upper = {edge * 0.625f, edge * 0.625f, edge * 1.25f};
   }
+  const std::string kind = argc > 6 ? argv[6] : "rough";
+  if (kind == "mixed") {
+    for (auto* corner : {&random.lower, &random.upper}) {
+      for (float& end : *corner) end *= 0.25f;
+    }
+  }
   fastcollide::WorldOptions options;
   options.lower = random.lower;
   options.upper = random.upper;
@@ -56,8 +63,8 @@ int main(int argc, char** argv) {
   if (method == "cells") options.method = fastcollide::Method::cells;
   if (method == "list") options.method = fastcollide::Method::list;
   if (method == "frame") options.method = fastcollide::Method::frame;
+  if (method == "levels") options.method = fastcollide::Method::levels;
   try {
-    const std::string kind = argc > 6 ? argv[6] : "rough";
     options.solver = kind == "reference" ? fastcollide::Solver::reference : fastcollide::Solver::substep;
     options.wall_friction = kind == "rough" ? 0.3f : 0.0f;
     options.rolling_friction = kind == "rough" ? 0.05f : 0.0f;
@@ -69,6 +76,11 @@ int main(int argc, char** argv) {
       for (std::size_t i = 0; i < spheres.mass.size(); i += 100) {
         spheres.mass[i] = std::numeric_limits<float>::infinity();
       }
+    }
+    for (std::size_t i = 0; kind == "mixed" && i < spheres.radius.size(); ++i) {
+      if (i % 50 == 0) continue;
+      spheres.radius[i] /= 32.0f;
+      spheres.mass[i] /= 32.0f * 32.0f * 32.0f;
     }
     world.add(spheres);
     std::printf("start %016" PRIx64 "\n", world.state_hash());

@@ -35,6 +35,20 @@ def test_links_lead_somewhere():
         assert (ROOT / name).exists(), name
 
 
+def test_the_table_of_sizes_has_a_row_for_each_ratio_and_a_column_for_each_way(draw_performance, tmp_path):
+    (tmp_path / "machine").mkdir()
+    (tmp_path / "machine" / "mixed_sizes.csv").write_text(
+        "device_name,spheres,ratio,solver,method,ms\n"
+        "A Card,20000,1.0,substep,levels,0.5\nA Card,20000,1.0,substep,list,0.25\nA Card,20000,1.0,reference,list,9\n"
+        "A Card,20000,32.0,substep,levels,1.25\n"
+    )
+    assert draw_performance.tables_of_sizes(tmp_path) == (
+        "\nA Card (`benchmarks/results/machine`):\n\n"
+        "| sizes | 20,000 by levels | 20,000 by list |\n| --- | --- | --- |\n"
+        "| 1:1 | 0.5 | 0.25 |\n| 1:32 | 1.25 | – |\n\n"
+    )
+
+
 ROW = Row(
     device="cpu", device_name="Some Processor (2 threads)", spheres=2000, solver="reference", method="cells",
     frames=60, repeats=5, ms=8.0, ms_fastest=7.0, ms_slowest=9.0, times_yardstick=1.0, contacts_per_sphere=0.5,

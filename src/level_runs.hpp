@@ -1,0 +1,116 @@
+// The memory behind level_step.hpp on one backend, and the call that runs it.
+#pragma once
+
+#include <algorithm>
+#include <utility>
+
+#include "contact_memory.hpp"
+#include "grid_shape.hpp"
+#include "host_run.hpp"
+#include "level_step.hpp"
+#include "slot_buffers.hpp"
+
+namespace fastcollide {
+
+template <Backend B>
+class LevelRuns {
+ public:
+  explicit LevelRuns(B& backend) : backend_(backend) {}
+
+  // Runs frames on the bodies, counted from 0 in what is told of them; after a fault the bodies are as before.
+  Watch run(const FrameParameters& frame, std::int64_t frames, const CellLevels& levels, const RadiusSurvey& radii,
+            const BodyArrays& bodies, std::int64_t count, ContactMemory<B>& memory, StageTimer& timer) {
+    if (frames == 0) return {};
+    LevelWorld world{};
+    world.frame = frame;
+    world.count = count;
+    world.is_new = count != count_;
+    world.bodies = bodies;
+    world.levels = levels;
+    group_levels(world, radii);
+    resize(world);
+    set_pointers(world);
+    LevelControl control{};
+    backend_.copy_to_device(control_.data(), &control, 1);
+    world.memory = memory.start_run(&control_.data()->watch, frames * frame.iterations);
+    HostRun<B> run(backend_, timer);
+    simulate_frames_by_levels(run, world, static_cast<std::uint32_t>(frames));
+    // Which of the two copies holds what.
+    if (world.constants.ids != constants_.ids.data()) std::swap(constants_, other_constants_);
+    backend_.copy_to_host(&control, std::as_const(control_).data(), 1);
+    return control.watch;
+  }
+
+ private:
+  // Large spheres look at many rows of cells, most of them in finer levels.
+  static void group_levels(LevelWorld& world, const RadiusSurvey& radii) {
+    std::int64_t first = 0;
+    for (int k = 0; k < world.levels.count; ++k) {
+      std::int64_t members = 0;
+      for (int octave = 0; octave < octaves; ++octave) {
+        if (world.levels.level_of_octave[octave] == k) members += radii.octave_counts[octave];
+      }
+      double rows = 0;
+      for (int m = 0; m < world.levels.count; ++m) {
+        const float largest = world.levels.levels[k].largest_radius, other = world.levels.levels[m].largest_radius;
+        const double across = 1.0 + 2.0 * (largest + other) * world.levels.levels[m].shape.y.inverse_edge;
+        rows += across * across;
+      }
+      const int fewest_lanes = B::has_whole_grid && world.count <= 131072 ? 8 : 1;
+      const int lanes = rows > 2048 ? 512 : rows > 512 ? 128 : rows > 128 ? 32 : fewest_lanes;
+      LevelGroup* last = world.group_count > 0 ? &world.groups[world.group_count - 1] : nullptr;
+      if (last != nullptr && last->lanes == lanes) {
+        last->count += members;
+      } else {
+        world.groups[world.group_count++] = {first, members, lanes};
+      }
+      first += members;
+    }
+  }
+
+  void resize(const LevelWorld& world) {
+    const std::int64_t count = world.count, cells = world.levels.cells;
+    const bool is_rough = world.bodies.spins != nullptr, is_substep = world.frame.solver == Solver::substep;
+    count_ = 0;  // nothing is known should memory run out on the way
+    for (auto* state : {&state_, &other_state_}) state->resize(count, is_substep, is_rough);
+    for (auto* constants : {&constants_, &other_constants_}) constants->resize(count, is_rough);
+    cell_of_slot_.resize(count);
+    rank_of_slot_.resize(count);
+    velocity_change_.resize(is_substep ? count : 0);
+    pick_.resize(is_substep ? count : 0);
+    turn_.resize(is_substep && is_rough ? count : 0);
+    if (cell_counts_.size() < cells) {
+      cell_counts_.resize(cells);
+      backend_.fill_zero(cell_counts_.data(), cells);
+    }
+    cell_start_.resize(cells + 1);
+    control_.resize(1);
+    count_ = count;
+  }
+
+  void set_pointers(LevelWorld& world) {
+    world.state = state_.view();
+    world.other_state = other_state_.view();
+    world.constants = constants_.view();
+    world.other_constants = other_constants_.view();
+    world.cell_of_slot = cell_of_slot_.data();
+    world.rank_of_slot = rank_of_slot_.data();
+    world.cell_counts = cell_counts_.data();
+    world.cell_start = cell_start_.data();
+    world.velocity_change = velocity_change_.data();
+    world.turn = turn_.size() > 0 ? turn_.data() : nullptr;
+    world.pick = pick_.data();
+    world.control = control_.data();
+  }
+
+  B& backend_;
+  SlotStateBuffers<B> state_{backend_}, other_state_{backend_};
+  SlotConstantBuffers<B> constants_{backend_}, other_constants_{backend_};
+  typename B::template Buffer<std::uint32_t> cell_of_slot_{backend_}, rank_of_slot_{backend_}, cell_counts_{backend_},
+      cell_start_{backend_}, pick_{backend_};
+  typename B::template Buffer<Vec3> velocity_change_{backend_}, turn_{backend_};
+  typename B::template Buffer<LevelControl> control_{backend_};
+  std::int64_t count_ = 0;  // of the spheres whose ids the slots hold
+};
+
+}  // namespace fastcollide

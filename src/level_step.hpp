@@ -1,0 +1,118 @@
+// Frames of spheres of very different sizes: the same results as step.hpp, with a new sort into grids of several levels
+// for every pass. A pass looks through the cells at once, without lists: in these worlds small spheres soon leave any
+// skin, and large ones have more neighbours than a list should hold.
+#pragma once
+
+#include <algorithm>
+#include <utility>
+
+#include "frame_parameters.hpp"
+#include "stage_timer.hpp"
+#include "stages/apply_contacts.hpp"
+#include "stages/gather_contacts.hpp"
+#include "stages/sort_level_slots.hpp"
+
+namespace fastcollide {
+
+// Spheres of some levels, which lie one after the other, and how many lanes look for the neighbours of each.
+struct LevelGroup {
+  std::int64_t first, count;
+  int lanes;
+};
+
+// Plain pointers and numbers. Stages get parts of it.
+struct LevelWorld {
+  FrameParameters frame;
+  std::int64_t count;
+  bool is_new;  // slots that hold nothing yet
+  BodyArrays bodies;
+  SlotState state, other_state;
+  SlotConstants constants, other_constants;
+  CellLevels levels;
+  LevelGroup groups[most_levels];
+  int group_count;
+  std::uint32_t *cell_of_slot, *rank_of_slot, *cell_counts, *cell_start;
+  Vec3* velocity_change;
+  Vec3* turn;  // or null
+  std::uint32_t* pick;
+  MemoryCopies memory;
+  LevelControl* control;
+
+  GridView grid() const {
+    return {period_of(frame.substep.box),
+            count,
+            constants.ids,
+            state.position_radius,
+            state.velocity_restitution,
+            constants.masses,
+            state.crowding,
+            state.spins,
+            constants.frictions};
+  }
+  LevelNeighbors neighbors() const { return {levels, cell_start, cell_start + 1}; }
+  ToNextPass to_next_pass(bool ends_frame, bool is_last) const {
+    const Substep& step = frame.substep;
+    return {other_state,
+            {levels, cell_of_slot, rank_of_slot, cell_counts},
+            {step.flight, step.box, step.wall, step.frame + 1, &control->watch},
+            frame.solver == Solver::reference && ends_frame && !is_last,
+            !is_last};
+  }
+  void swap_state() { std::swap(state, other_state); }
+};
+
+template <class Run>
+void sort_by_levels(Run& run, LevelWorld& world) {
+  run.exclusive_scan(Stage::build_grid, world.cell_counts, world.cell_start, world.levels.cells);
+  run.for_each(Stage::build_grid, world.count,
+               ScatterLevelSlots{world.cell_of_slot, world.rank_of_slot, world.cell_start, world.state,
+                                 world.other_state, world.constants, world.other_constants});
+  world.swap_state();
+  std::swap(world.constants, world.other_constants);
+}
+
+// One iteration of the reference solver, one substep of the default one.
+template <class Run>
+void run_level_pass(Run& run, LevelWorld& world, std::uint32_t pass, const ToNextPass& output) {
+  const Substep& step = world.frame.substep;
+  Watch* watch = &world.control->watch;
+  const auto run_groups = [&](Stage stage, const auto& contacts) {
+    for (int i = 0; i < world.group_count; ++i) run.for_each_of_group(stage, world.groups[i], contacts);
+  };
+  if (world.frame.solver == Solver::reference) {
+    run_groups(Stage::solve_contacts,
+               SolveContacts<LevelNeighbors, ToNextPass>{world.frame.scales, step.box, step.frame, world.grid(),
+                                                         world.neighbors(), output, &watch->first_fault});
+  } else {
+    const MemoryPass memory = world.memory.of_pass(pass);
+    run_groups(Stage::gather_contacts, GatherContacts<LevelNeighbors, ToNextPass>{
+                                           step, world.grid(), world.neighbors(), output, world.velocity_change,
+                                           world.turn, world.pick, &watch->first_fault, memory});
+    run.for_each(Stage::apply_contacts, world.count,
+                 ApplyContacts<ToNextPass>{step, world.grid(), output, world.velocity_change, world.turn, world.pick,
+                                           watch, memory.cleared});
+  }
+  world.swap_state();
+}
+
+template <class Run>
+void simulate_frames_by_levels(Run& run, LevelWorld& world, std::uint32_t frames) {
+  world.frame.substep.frame = ~std::uint32_t(0);
+  ToNextPass first = world.to_next_pass(true, false);
+  first.to = world.state;
+  run.for_each(Stage::load, world.count, LoadLevelSlots{world.is_new, world.bodies, world.constants, first});
+  const auto passes = static_cast<std::uint32_t>(world.frame.iterations);
+  for (std::uint32_t frame = 0; frame < frames; ++frame) {
+    world.frame.substep.frame = frame;
+    for (std::uint32_t pass = 0; pass < passes; ++pass) {
+      const bool ends_frame = pass + 1 == passes;
+      sort_by_levels(run, world);
+      run_level_pass(run, world, frame * passes + pass,
+                     world.to_next_pass(ends_frame, ends_frame && frame + 1 == frames));
+    }
+  }
+  run.for_each(Stage::store, world.count,
+               StoreLevelBodies{{world.state, world.constants.ids, world.bodies}, &world.control->watch});
+}
+
+}  // namespace fastcollide
