@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <limits>
+#include <span>
 
 #include "bucket_sort.hpp"
 #include "problem.hpp"
@@ -89,8 +90,12 @@ class CpuSearcher {
   static constexpr std::int64_t many_words = std::int64_t(1) << 26;
 
   template <class Word, class Refuse, class Allocate>
-  std::int64_t find(const Problem<T>& problem, Rows rows, const WordFormat& format, std::vector<WordLists<Word>>& lists,
-                    std::int64_t* offsets, const Refuse& refuse_if_too_many, const Allocate& allocate) {
+  std::int64_t find(const Problem<T>& problem, Rows rows, const WordFormat& format,
+                    std::vector<WordLists<Word>>& known_lists, std::int64_t* offsets, const Refuse& refuse_if_too_many,
+                    const Allocate& allocate) {
+    const auto workers = static_cast<std::size_t>(this->workers(problem));
+    while (known_lists.size() < workers) known_lists.emplace_back(backend_);
+    const auto lists = std::span(known_lists).first(workers);
     std::int64_t total = collect(problem, rows, format, lists, many_words);
     if (total > many_words) {
       // So long a list may be longer than the memory: it is counted before it is written.
@@ -129,9 +134,10 @@ class CpuSearcher {
 
   int workers(const Problem<T>& problem) const { return std::min(backend_.threads(), search_slabs(problem)); }
 
-  // make_sink(worker) gives what receives the hits of a worker; each takes the next slab until none is left.
-  template <class MakeSink>
-  void search(const Problem<T>& problem, const MakeSink& make_sink) {
+  // make_sink(worker) gives what receives the hits of a worker; each takes the next slab until none is left, and then
+  // calls finish(worker).
+  template <class MakeSink, class Finish>
+  void search(const Problem<T>& problem, const MakeSink& make_sink, const Finish& finish) {
     const Order& from = problem.is_one_set ? targets_ : searchers_;
     const SlotSearch<T> input{
         problem.grid, targets_.cell_start.data(), {from.slots(), targets_.slots(), problem.reach}, problem.is_one_set};
@@ -146,19 +152,22 @@ class CpuSearcher {
       for (std::int64_t slab; (slab = next++) < slabs;) {
         search_slots_(input, n * slab / slabs, n * (slab + 1) / slabs, {&sink, take});
       }
+      finish(worker);
     });
+  }
+  template <class MakeSink>
+  void search(const Problem<T>& problem, const MakeSink& make_sink) {
+    search(problem, make_sink, [](int) {});
   }
 
   // Writes a word for each entry of a row, and returns their number. Gives up if there are more than `most`.
   template <class Word>
-  std::int64_t collect(const Problem<T>& problem, Rows rows, const WordFormat& format,
-                       std::vector<WordLists<Word>>& lists, std::int64_t most) {
+  std::int64_t collect(const Problem<T>& problem, Rows rows, const WordFormat& format, std::span<WordLists<Word>> lists,
+                       std::int64_t most) {
     const bool both = problem.is_one_set && rows == Rows::both, is_one_set = problem.is_one_set;
-    const int workers = this->workers(problem);
-    while (static_cast<int>(lists.size()) < workers) lists.emplace_back(backend_);
     for (WordLists<Word>& list : lists) list.clear(format.buckets.count);
     std::atomic<std::int64_t> written = 0;
-    search(problem, [&, most](int worker) {
+    const auto make_sink = [&, most](int worker) {
       return [=, &written, list = &lists[static_cast<std::size_t>(worker)], shift = format.buckets.shift,
               mask = (std::uint32_t(1) << format.buckets.shift) - 1, column_bits = format.column_bits](
                  std::int64_t hits, const std::uint32_t* searchers, const std::uint32_t* found) {
@@ -177,12 +186,8 @@ class CpuSearcher {
           }
         }
       };
-    });
-    if (written <= most) {
-      const int list_count = static_cast<int>(lists.size());
-      slabs_.run(list_count, list_count,
-                 [&](int list, std::int64_t, std::int64_t) { lists[static_cast<std::size_t>(list)].close(); });
-    }
+    };
+    search(problem, make_sink, [&](int worker) { lists[static_cast<std::size_t>(worker)].close(); });
     return written;
   }
 
