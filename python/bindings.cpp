@@ -245,6 +245,13 @@ void bind_world(nb::module_& m) {
       .def("angular_momentum", &World::angular_momentum, nb::call_guard<nb::gil_scoped_release>())
       .def("max_overlap", &World::max_overlap, nb::call_guard<nb::gil_scoped_release>())
       .def("mean_overlap", &World::mean_overlap, nb::call_guard<nb::gil_scoped_release>())
+      .def("measure",
+           [](World& world) {
+             const fastcollide::Measurements all = without_gil([&] { return world.measure(); });
+             return nb::make_tuple(nb::make_tuple(all.energy.kinetic, all.energy.rotational, all.energy.potential),
+                                   all.momentum, all.angular_momentum, all.contact_count, all.max_overlap,
+                                   all.mean_overlap);
+           })
       .def("state_hash", &World::state_hash, nb::call_guard<nb::gil_scoped_release>())
       .def_prop_ro("fast_flights",
                    [](const World& world) {

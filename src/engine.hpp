@@ -16,7 +16,7 @@
 #include "level_runs.hpp"
 #include "listed_frames.hpp"
 #include "stages/check_state.hpp"
-#include "stages/measure.hpp"
+#include "stages/measure_contacts.hpp"
 #include "stages/random_start.hpp"
 #include "step.hpp"
 
@@ -104,6 +104,7 @@ class Engine {
   virtual Ledger ledger() = 0;
   virtual float max_overlap() = 0;
   virtual double mean_overlap() = 0;
+  virtual ContactSummary contact_summary() = 0;
   virtual std::uint64_t state_hash() = 0;
 
   std::string device_name;
@@ -293,6 +294,12 @@ class EngineOn final : public Engine {
     if (count() == 0) return 0;
     update_grid();
     return measure_mean_overlap(backend_, scratch_.grid);
+  }
+
+  ContactSummary contact_summary() override {
+    if (count() == 0) return {};
+    update_grid();
+    return measure_contacts(backend_, box(), scratch_.grid, contact_scratch_);
   }
 
   std::uint64_t state_hash() override {
@@ -506,6 +513,7 @@ class EngineOn final : public Engine {
   B backend_;
   Bodies<B> bodies_{backend_};
   Scratch<B> scratch_{backend_};
+  ContactScratch<B> contact_scratch_{backend_};
   FrameRuns<B> frame_runs_{backend_};
   LevelRuns<B> level_runs_{backend_};
   ListedFrames<B> listed_{backend_};

@@ -34,6 +34,8 @@ std::unique_ptr<Engine> make_engine(const WorldOptions& options) {
   return engine;
 }
 
+Energy energy_of(const Ledger& ledger) { return {ledger.kinetic, ledger.rotational, ledger.potential}; }
+
 }  // namespace
 
 World::World(const WorldOptions& options) : options_(options), engine_(make_engine(options)) {}
@@ -183,20 +185,17 @@ std::int64_t World::contact_count() {
 
 Energy World::energy() {
   const Turn turn(*engine_);
-  const Ledger ledger = engine_->ledger();
-  return {ledger.kinetic, ledger.rotational, ledger.potential};
+  return energy_of(engine_->ledger());
 }
 
 std::array<double, 3> World::momentum() {
   const Turn turn(*engine_);
-  const Ledger ledger = engine_->ledger();
-  return {ledger.momentum[0], ledger.momentum[1], ledger.momentum[2]};
+  return std::to_array(engine_->ledger().momentum);
 }
 
 std::array<double, 3> World::angular_momentum() {
   const Turn turn(*engine_);
-  const Ledger ledger = engine_->ledger();
-  return {ledger.angular_momentum[0], ledger.angular_momentum[1], ledger.angular_momentum[2]};
+  return std::to_array(engine_->ledger().angular_momentum);
 }
 
 float World::max_overlap() {
@@ -207,6 +206,14 @@ float World::max_overlap() {
 double World::mean_overlap() {
   const Turn turn(*engine_);
   return engine_->mean_overlap();
+}
+
+Measurements World::measure() {
+  const Turn turn(*engine_);
+  const Ledger ledger = engine_->ledger();
+  const ContactSummary contacts = engine_->contact_summary();
+  return {energy_of(ledger), std::to_array(ledger.momentum), std::to_array(ledger.angular_momentum),
+          contacts.contacts, contacts.max_overlap,           contacts.mean_overlap};
 }
 
 std::uint64_t World::state_hash() {

@@ -58,6 +58,15 @@ struct Energy {
   double kinetic = 0, rotational = 0, potential = 0;
 };
 
+// What World says of the whole state, each as the function of its name does.
+struct Measurements {
+  Energy energy;
+  std::array<double, 3> momentum{}, angular_momentum{};
+  std::int64_t contact_count = 0;
+  float max_overlap = 0;
+  double mean_overlap = 0;
+};
+
 // A sphere that moves farther than its radius in one substep (one frame of the reference solver) may pass through
 // another one unseen.
 struct FastFlights {
@@ -129,6 +138,8 @@ class World {
   // the pairs, each as a part of its smaller radius, 0 without any.
   float max_overlap();
   double mean_overlap();
+  // All of these at once, in a fraction of the time: pairs are looked for once.
+  Measurements measure();
   std::uint64_t state_hash();
   FastFlights fast_flights() const;
 

@@ -10,7 +10,7 @@ from fastcollide.ledger import LedgerError, LedgerWriter, read_ledger
 from fastcollide.recording import Recording, open
 from fastcollide.render import Renderer
 from fastcollide.spheres import Spheres, drag_from_damping, lattice_spheres, random_spheres
-from fastcollide.world import Contacts, Energy, World, to_numpy
+from fastcollide.world import Contacts, Energy, Measurements, World, to_numpy
 
 __version__ = build_info().version
 
@@ -30,6 +30,7 @@ __all__ = [
     "LedgerError",
     "LedgerWriter",
     "Limits",
+    "Measurements",
     "MissingLibrary",
     "Neighbors",
     "Orbit",

@@ -82,18 +82,19 @@ def _figures(world: fc.World, start: Start, ledger: Ledger | None) -> dict[str, 
     if free.mass.size == 0:
         return dict.fromkeys(ExpectTable.model_fields, np.nan)
     lower, upper = (np.array(corner) for corner in world.bounds)
-    energy = world.energy()
+    now = world.measure()
+    energy = now.energy
     figures = {
         "rms_speed": _rms(free.speed),
         "max_speed": float(free.speed.max()),
-        "contacts": world.contact_count(),
-        "max_overlap": world.max_overlap(),
-        "mean_overlap": world.mean_overlap(),
+        "contacts": now.contact_count,
+        "max_overlap": now.max_overlap,
+        "mean_overlap": now.mean_overlap,
         "escaped": int(((free.position < lower) | (free.position > upper)).any(axis=1).sum()),
         "energy_ratio": _ratio(energy.total, start.energy.total),
         "motion_ratio": _ratio(energy.kinetic + energy.rotational, start.energy.kinetic + start.energy.rotational),
         "largest_energy_gain": _ratio(_largest_gain(ledger), start.energy.total),
-        "momentum_change": _ratio(float(np.linalg.norm(world.momentum() - start.momentum)), start.momentum_scale),
+        "momentum_change": _ratio(float(np.linalg.norm(now.momentum - start.momentum)), start.momentum_scale),
     }
     radius, mass = free.radius[:, None], free.mass[:, None]
     points = {

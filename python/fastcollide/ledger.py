@@ -60,17 +60,17 @@ class LedgerError(ValueError):
 
 def measure(world: World) -> tuple[int | float, ...]:
     """A row of the ledger: the numbers of a world as it is now, in the order of COLUMNS."""
-    energy = world.energy()
+    now = world.measure()
     return (
         world.frame,
         world.time,
-        *energy,
-        energy.total,
-        *world.momentum().tolist(),
-        *world.angular_momentum().tolist(),
-        world.contact_count(),
-        world.max_overlap(),
-        world.mean_overlap(),
+        *now.energy,
+        now.energy.total,
+        *now.momentum.tolist(),
+        *now.angular_momentum.tolist(),
+        now.contact_count,
+        now.max_overlap,
+        now.mean_overlap,
     )
 
 

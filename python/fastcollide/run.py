@@ -212,17 +212,19 @@ def simulate(
             exports.drain()  # an error now, before what follows says that all went well
         if settings.parquet:
             write_parquet(settings.output / PARQUET_NAME, read_ledger(settings.output))
+    seconds = time.perf_counter() - started
+    end = world.measure()
     return RunSummary(
         first_frame=first_frame,
         frames=world.frame,
         stopped_early=world.frame < settings.frames,
-        seconds=time.perf_counter() - started,
+        seconds=seconds,
         step_seconds=step_seconds,
         ledger_seconds=ledger_seconds,
-        contacts=world.contact_count(),
-        energy=world.energy(),
-        max_overlap=world.max_overlap(),
-        mean_overlap=world.mean_overlap(),
+        contacts=end.contact_count,
+        energy=end.energy,
+        max_overlap=end.max_overlap,
+        mean_overlap=end.mean_overlap,
         fast_spheres=world.fast_spheres,
         safe_iterations=world.safe_iterations,
         safe_dt=world.safe_dt,

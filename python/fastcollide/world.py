@@ -58,6 +58,26 @@ class Energy(NamedTuple):
         return self.kinetic + self.rotational + self.potential
 
 
+class Measurements(NamedTuple):
+    """What a world says of its whole state, each number as its method of that name gives it.
+
+    Attributes:
+        energy: [J]
+        momentum: [kg m/s], shape (3,)
+        angular_momentum: about the origin [kg m²/s], shape (3,)
+        contact_count: overlapping pairs
+        max_overlap: the deepest [m]
+        mean_overlap: as a part of the smaller radius
+    """
+
+    energy: Energy
+    momentum: NDArray[np.float64]
+    angular_momentum: NDArray[np.float64]
+    contact_count: int
+    max_overlap: float
+    mean_overlap: float
+
+
 class World:
     """Spheres that fall, collide and bounce in a box.
 
@@ -444,6 +464,11 @@ class World:
         """The mean overlap of the pairs of spheres that are in contact, each as a part of its smaller radius; 0 without
         any. Pairs of fixed spheres do not count. An exact sum, the same on every device."""
         return self._world.mean_overlap()
+
+    def measure(self) -> Measurements:
+        """All of these at once, the same bits in a fraction of the time: pairs are looked for once."""
+        energy, momentum, angular_momentum, *contacts = self._world.measure()
+        return Measurements(Energy(*energy), np.array(momentum), np.array(angular_momentum), *contacts)
 
     def state_hash(self) -> int:
         """64 bits that cover every number of the state in id order; equal states have equal hashes on every device."""

@@ -13,6 +13,7 @@
 #include "../math.hpp"
 #include "concept.hpp"
 #include "fastcollide/errors.hpp"
+#include "large_memory.hpp"
 #include "thread_pool.hpp"
 
 namespace fastcollide {
@@ -39,7 +40,7 @@ class CpuBackend {
         const std::int64_t capacity = capacity_ == 0 ? count : std::max(count, capacity_ + capacity_ / 2);
         std::shared_ptr<T[]> memory;
         try {
-          memory.reset(new T[static_cast<std::size_t>(capacity)]);
+          memory = allocate(static_cast<std::size_t>(capacity));
         } catch (const std::bad_alloc&) {
           throw OutOfMemory("out of memory on the CPU: " + std::to_string(count * std::int64_t(sizeof(T))) +
                             " bytes more are needed");
@@ -52,6 +53,14 @@ class CpuBackend {
     }
 
    private:
+    static std::shared_ptr<T[]> allocate(std::size_t count) {
+      if (count > SIZE_MAX / sizeof(T)) throw std::bad_alloc();
+      if (count * sizeof(T) < large_memory) return std::shared_ptr<T[]>(new T[count]);
+      void* memory = allocate_large(count * sizeof(T));
+      if (memory == nullptr) throw std::bad_alloc();
+      return std::shared_ptr<T[]>(static_cast<T*>(memory), release_large);
+    }
+
     std::shared_ptr<T[]> memory_;
     std::int64_t size_ = 0, capacity_ = 0;
   };

@@ -3,11 +3,13 @@
 
 #include <atomic>
 #include <limits>
+#include <span>
 
 #include "bucket_sort.hpp"
-#include "cell_order_search.hpp"
 #include "problem.hpp"
+#include "slot_search.hpp"
 #include "survey.hpp"
+#include "word_lists.hpp"
 
 namespace fastcollide::search {
 
@@ -15,16 +17,17 @@ template <class T>
 class CpuSearcher {
  public:
   // Rows twice as wide as the reach: four runs of slots around a sphere, each long enough for wide vector units.
-  static constexpr CellEdges edges{1.0, 2.0};
+  static constexpr CellEdges edges{0.5, 2.0};
   static constexpr std::int64_t group_size = quick_group;
 
   explicit CpuSearcher(CpuBackend& backend)
-      : slabs_(backend.threads()), backend_(backend), filter_(filter_runs<T>(best_simd())) {}
+      : slabs_(backend.threads()), backend_(backend), search_slots_(search_slots<T>(best_simd())) {}
 
   void build(const Problem<T>& problem) {
-    order(problem.targets, problem.grid, false, targets_);
+    const bool has_radii = problem.targets.radii != nullptr || problem.spheres.radii != nullptr;
+    order(problem.targets, problem.grid, has_radii, false, targets_);
     // Another set searches in the order of its own places, so that what it reads stays in the cache.
-    if (!problem.is_one_set) order(problem.spheres, problem.grid, true, searchers_);
+    if (!problem.is_one_set) order(problem.spheres, problem.grid, has_radii, true, searchers_);
   }
 
   // Indices in the order of slots, of the last problem that was built; searchers are those of another set.
@@ -42,13 +45,11 @@ class CpuSearcher {
   }
 
   void count_rows(const Problem<T>& problem, Rows rows, std::int64_t* counts) {
-    const std::uint32_t* query_ids = ids_of_searchers(problem);
-    const std::uint32_t* slot_ids = targets_.ids.data();
     const bool both = problem.is_one_set && rows == Rows::both;
     search(problem, [=](int) {
-      return [=](std::int64_t hits, const std::uint32_t* queries, const std::uint32_t* slots) {
+      return [=](std::int64_t hits, const std::uint32_t* searchers, const std::uint32_t* found) {
         for (std::int64_t k = 0; k < hits; ++k) {
-          const std::uint32_t i = query_ids[queries[k]], j = slot_ids[slots[k]];
+          const std::uint32_t i = searchers[k], j = found[k];
           atomic_add(counts + (problem.is_one_set && !both ? std::min(i, j) : i), 1);
           if (both) atomic_add(counts + j, 1);
         }
@@ -60,160 +61,206 @@ class CpuSearcher {
   template <class Refuse, class Allocate>
   std::int64_t find(const Problem<T>& problem, Rows rows, std::int64_t* offsets, const Refuse& refuse_if_too_many,
                     const Allocate& allocate) {
-    const std::int64_t row_count = problem.spheres.count;
-    if (!collect(problem, rows, many_words)) {
-      // So long a list may be longer than the memory: it is counted before it is written.
-      for (WordList& list : found_) list = WordList(backend_);
-      refuse_if_too_many(count(problem) * (problem.is_one_set && rows == Rows::both ? 2 : 1));
-      collect(problem, rows, std::numeric_limits<std::int64_t>::max());
-    }
-    std::int64_t total = 0;
-    for (const WordList& list : found_) total += list.size;
-    refuse_if_too_many(total);
-    const Columns columns = allocate(total);
-    const Buckets buckets(row_count, std::max(total, row_count));
-    sort_.sort(
-        slabs_, buckets, row_count, static_cast<int>(found_.size()), total,
-        [&](int slab) {
-          const WordList& list = found_[static_cast<std::size_t>(slab)];
-          return std::pair(list.words.data(), list.words.data() + list.size);
-        },
-        [&](std::int64_t first_row, std::int64_t end_row, std::int64_t place, const std::uint64_t* begin,
-            const std::uint64_t* end) {
-          thread_local std::vector<std::uint64_t> sorted;
-          lay_out_rows(first_row, end_row, place, begin, end, sorted, offsets, columns);
-        });
-    offsets[row_count] = total;
-    return total;
+    // A word has a row, counted from the first of its bucket, and a column: mostly 32 bits are enough for both.
+    const Buckets buckets(problem.spheres.count);
+    const int column_bits = std::bit_width(static_cast<std::uint64_t>(problem.targets.count - 1));
+    return buckets.shift + column_bits <= 32
+               ? find(problem, rows, {buckets, column_bits}, short_lists_, offsets, refuse_if_too_many, allocate)
+               : find(problem, rows, {buckets, 32}, long_lists_, offsets, refuse_if_too_many, allocate);
   }
 
  private:
-  using Order = CellOrder<CpuBackend, T>;
+  // Spheres in the order of (cell, index), and where each cell begins.
+  struct Order {
+    explicit Order(CpuBackend& backend) : numbers(backend), ids(backend), cell_start(backend) {}
+
+    CpuBackend::Buffer<T> numbers;  // x, y, z and radii, as Slots has them
+    std::int64_t stride = 0;
+    bool has_radii = false;
+    CpuBackend::Buffer<std::uint32_t> ids, cell_start;
+
+    Slots<T> slots() const { return {numbers.data(), stride, has_radii, ids.data()}; }
+  };
+
+  struct WordFormat {
+    Buckets buckets;
+    int column_bits;
+  };
 
   static constexpr std::int64_t many_words = std::int64_t(1) << 26;
 
-  struct WordList {
-    explicit WordList(CpuBackend& backend) : words(backend) {}
-
-    std::uint64_t* grow(std::int64_t more) {
-      const std::int64_t before = size;
-      size += more;
-      if (size > words.size()) words.resize(std::max(size, 2 * words.size()));
-      return words.data() + before;
+  template <class Word, class Refuse, class Allocate>
+  std::int64_t find(const Problem<T>& problem, Rows rows, const WordFormat& format,
+                    std::vector<WordLists<Word>>& known_lists, std::int64_t* offsets, const Refuse& refuse_if_too_many,
+                    const Allocate& allocate) {
+    const auto workers = static_cast<std::size_t>(this->workers(problem));
+    while (known_lists.size() < workers) known_lists.emplace_back(backend_);
+    const auto lists = std::span(known_lists).first(workers);
+    std::int64_t total = collect(problem, rows, format, lists, many_words);
+    if (total > many_words) {
+      // So long a list may be longer than the memory: it is counted before it is written.
+      for (WordLists<Word>& list : lists) list.release();
+      refuse_if_too_many(count(problem) * (problem.is_one_set && rows == Rows::both ? 2 : 1));
+      total = collect(problem, rows, format, lists, std::numeric_limits<std::int64_t>::max());
     }
-
-    CpuBackend::Buffer<std::uint64_t> words;
-    std::int64_t size = 0;
-  };
-
-  const std::uint32_t* ids_of_searchers(const Problem<T>& problem) const {
-    return problem.is_one_set ? targets_.ids.data() : searchers_.ids.data();
+    refuse_if_too_many(total);
+    const Columns columns = allocate(total);
+    const Buckets& buckets = format.buckets;
+    places_.resize(static_cast<std::size_t>(buckets.count) + 1);
+    std::int64_t place = 0;
+    for (std::int64_t bucket = 0; bucket < buckets.count; ++bucket) {
+      places_[static_cast<std::size_t>(bucket)] = place;
+      for (const WordLists<Word>& list : lists) place += list.count(bucket);
+    }
+    places_[static_cast<std::size_t>(buckets.count)] = place;
+    slabs_.run(slabs_.count(buckets.count, 4, 4), buckets.count, [&](int, std::int64_t begin, std::int64_t end) {
+      CpuBackend::Buffer<Word> words(backend_), sorted(backend_);
+      for (std::int64_t bucket = begin; bucket < end; ++bucket) {
+        const std::int64_t first = places_[static_cast<std::size_t>(bucket)],
+                           words_here = places_[static_cast<std::size_t>(bucket) + 1] - first;
+        words.resize(words_here);
+        sorted.resize(words_here);
+        Word* to = words.data();
+        for (const WordLists<Word>& list : lists) to = list.copy(bucket, to);
+        lay_out_rows(bucket << buckets.shift, std::min((bucket + 1) << buckets.shift, problem.spheres.count), first,
+                     format.column_bits, words.data(), to, sorted.data(), offsets, columns);
+      }
+    });
+    offsets[0] = 0;
+    return total;
   }
 
   int search_slabs(const Problem<T>& problem) const { return slabs_.count(problem.spheres.count, 512, 8); }
 
-  // make_sink(slab) gives what receives the hits of a slab.
-  template <class MakeSink>
-  void search(const Problem<T>& problem, const MakeSink& make_sink) {
+  int workers(const Problem<T>& problem) const { return std::min(backend_.threads(), search_slabs(problem)); }
+
+  // make_sink(worker) gives what receives the hits of a worker; each takes the next slab until none is left, and then
+  // calls finish(worker).
+  template <class MakeSink, class Finish>
+  void search(const Problem<T>& problem, const MakeSink& make_sink, const Finish& finish) {
     const Order& from = problem.is_one_set ? targets_ : searchers_;
-    const SlotSearch<T> input{problem.grid,
-                              targets_.cell_start.data(),
-                              {from.x.data(), from.y.data(), from.z.data(), radii_or_null(from), targets_.x.data(),
-                               targets_.y.data(), targets_.z.data(), radii_or_null(targets_), problem.reach},
-                              problem.is_one_set,
-                              filter_};
-    slabs_.run(search_slabs(problem), problem.spheres.count, [&](int slab, std::int64_t begin, std::int64_t end) {
-      auto sink = make_sink(slab);
-      search_slots(input, begin, end, sink);
+    const SlotSearch<T> input{
+        problem.grid, targets_.cell_start.data(), {from.slots(), targets_.slots(), problem.reach}, problem.is_one_set};
+    const std::int64_t n = problem.spheres.count, slabs = search_slabs(problem);
+    const int workers = this->workers(problem);
+    std::atomic<std::int64_t> next = 0;
+    slabs_.run(workers, workers, [&](int worker, std::int64_t, std::int64_t) {
+      auto sink = make_sink(worker);
+      using Sink = decltype(sink);
+      const auto take = [](void* context, std::int64_t hits, const std::uint32_t* searchers,
+                           const std::uint32_t* found) { (*static_cast<Sink*>(context))(hits, searchers, found); };
+      for (std::int64_t slab; (slab = next++) < slabs;) {
+        search_slots_(input, n * slab / slabs, n * (slab + 1) / slabs, {&sink, take});
+      }
+      finish(worker);
     });
   }
+  template <class MakeSink>
+  void search(const Problem<T>& problem, const MakeSink& make_sink) {
+    search(problem, make_sink, [](int) {});
+  }
 
-  // Writes a word for each entry of a row, slab by slab. False, and given up, if there are more than `most`.
-  bool collect(const Problem<T>& problem, Rows rows, std::int64_t most) {
+  // Writes a word for each entry of a row, and returns their number. Gives up if there are more than `most`.
+  template <class Word>
+  std::int64_t collect(const Problem<T>& problem, Rows rows, const WordFormat& format, std::span<WordLists<Word>> lists,
+                       std::int64_t most) {
     const bool both = problem.is_one_set && rows == Rows::both, is_one_set = problem.is_one_set;
-    const std::uint32_t* query_ids = ids_of_searchers(problem);
-    const std::uint32_t* slot_ids = targets_.ids.data();
-    const int slabs = search_slabs(problem);
-    while (static_cast<int>(found_.size()) < slabs) found_.emplace_back(backend_);
-    for (WordList& list : found_) list.size = 0;
+    for (WordLists<Word>& list : lists) list.clear(format.buckets.count);
     std::atomic<std::int64_t> written = 0;
-    search(problem, [&, most](int slab) {
-      WordList* list = &found_[static_cast<std::size_t>(slab)];
-      return [=, &written](std::int64_t hits, const std::uint32_t* queries, const std::uint32_t* slots) {
+    const auto make_sink = [&, most](int worker) {
+      return [=, &written, list = &lists[static_cast<std::size_t>(worker)], shift = format.buckets.shift,
+              mask = (std::uint32_t(1) << format.buckets.shift) - 1, column_bits = format.column_bits](
+                 std::int64_t hits, const std::uint32_t* searchers, const std::uint32_t* found) {
         const std::int64_t added = both ? 2 * hits : hits;
         if (written.fetch_add(added, std::memory_order_relaxed) > most) return;
-        std::uint64_t* words = list->grow(added);
+        const auto add = [&](std::uint32_t row, std::uint32_t column) {
+          list->add(row >> shift, static_cast<Word>(static_cast<Word>(row & mask) << column_bits | column));
+        };
         for (std::int64_t k = 0; k < hits; ++k) {
-          const std::uint32_t i = query_ids[queries[k]], j = slot_ids[slots[k]];
+          const std::uint32_t i = searchers[k], j = found[k];
           if (both) {
-            words[2 * k] = word_of(i, j);
-            words[2 * k + 1] = word_of(j, i);
+            add(i, j);
+            add(j, i);
           } else {
-            words[k] = is_one_set ? word_of(std::min(i, j), std::max(i, j)) : word_of(i, j);
+            add(is_one_set ? std::min(i, j) : i, is_one_set ? std::max(i, j) : j);
           }
         }
       };
-    });
-    return written <= most;
+    };
+    search(problem, make_sink, [&](int worker) { lists[static_cast<std::size_t>(worker)].close(); });
+    return written;
   }
 
-  static const T* radii_or_null(const Order& order) { return order.radii.size() > 0 ? order.radii.data() : nullptr; }
+  // A sphere on its way into its cell. It takes its numbers along: to fetch them at the end, in no order, takes longer.
+  struct Traveller {
+    std::uint32_t cell, id;
+    Point<T> position;
+    T radius;
+  };
 
   // Sorts spheres by (cell, index) and copies them there. Searchers have no level of their own: the finest serves.
-  void order(const SpheresIn<T>& spheres, const SearchGrid<T>& grid, bool are_searchers, Order& to) {
+  void order(const SpheresIn<T>& spheres, const SearchGrid<T>& grid, bool has_radii, bool are_searchers, Order& to) {
     const std::int64_t n = spheres.count;
-    to.ids.resize(n);
-    for (auto* buffer : {&to.x, &to.y, &to.z}) buffer->resize(n + slot_padding);
-    to.radii.resize(spheres.radii == nullptr ? 0 : n + slot_padding);
+    to.ids.resize(n + slot_padding);
+    to.has_radii = has_radii;
+    to.stride = n + slot_padding;
+    to.numbers.resize((has_radii ? 4 : 3) * to.stride);
     to.cell_start.resize(std::int64_t(grid.cell_count) + 1);
-    cell_words_.resize(n);
+    to.cell_start.data()[0] = 0;
+    cells_.resize(n);
+    const Buckets buckets(grid.cell_count);
     const int parts = slabs_.count(n, 4096, 2);
-    slabs_.run(parts, n, [&](int, std::int64_t begin, std::int64_t end) {
-      std::uint64_t* words = cell_words_.data();
-      if (grid.level_count == 1) return number_cells(spheres, grid.levels[0], begin, end, words);
-      for (std::int64_t i = begin; i < end; ++i) {
-        const int k = are_searchers ? grid.level_count - 1 : level_of(spheres.radius(i), grid);
-        words[i] = word_of(cell_of(spheres.position(i), grid.levels[k]), static_cast<std::uint32_t>(i));
-      }
-    });
-    const Buckets buckets(grid.cell_count, n);
     sort_.sort(
         slabs_, buckets, grid.cell_count, parts, n,
-        [&](int slab) {
-          const std::uint64_t* words = cell_words_.data();
-          return std::pair(words + n * slab / parts, words + n * (slab + 1) / parts);
+        [&](int slab, std::int64_t* counts) {
+          const std::int64_t begin = n * slab / parts, end = n * (slab + 1) / parts;
+          std::uint32_t* cells = cells_.data();
+          if (grid.level_count == 1) {
+            number_cells(spheres, grid.levels[0], begin, end, cells);
+          } else {
+            for (std::int64_t i = begin; i < end; ++i) {
+              const int k = are_searchers ? grid.level_count - 1 : level_of(spheres.radius(i), grid);
+              cells[i] = cell_of(spheres.position(i), grid.levels[k]);
+            }
+          }
+          for (std::int64_t i = begin; i < end; ++i) ++counts[cells[i] >> buckets.shift];
         },
-        [&](std::int64_t first_cell, std::int64_t end_cell, std::int64_t place, const std::uint64_t* begin,
-            const std::uint64_t* end) {
-          std::uint32_t* starts = to.cell_start.data();
-          std::fill(starts + first_cell, starts + end_cell, 0u);
-          for (const std::uint64_t* word = begin; word != end; ++word) ++starts[key_of(*word)];
-          auto next = static_cast<std::uint32_t>(place);
+        [&](int slab, std::int64_t* next, Traveller* travellers) {
+          const std::uint32_t* cells = cells_.data();
+          for (std::int64_t i = n * slab / parts, end = n * (slab + 1) / parts; i < end; ++i) {
+            travellers[next[cells[i] >> buckets.shift]++] = {cells[i], static_cast<std::uint32_t>(i),
+                                                             spheres.position(i), spheres.radius(i)};
+          }
+        },
+        [&](std::int64_t first_cell, std::int64_t end_cell, std::int64_t place, const Traveller* begin,
+            const Traveller* end) {
+          // While a cell's spheres are placed, the start of the next one is where the next sphere goes.
+          std::uint32_t* next = to.cell_start.data() + 1;
+          std::fill(next + first_cell, next + end_cell, 0u);
+          for (const Traveller* one = begin; one != end; ++one) ++next[one->cell];
+          auto sum = static_cast<std::uint32_t>(place);
           for (std::int64_t cell = first_cell; cell < end_cell; ++cell) {
-            const std::uint32_t count = starts[cell];
-            starts[cell] = next;
-            next += count;
+            const std::uint32_t count = next[cell];
+            next[cell] = sum;
+            sum += count;
           }
-          for (const std::uint64_t* word = begin; word != end; ++word) {
-            if (end - word > far_ahead) spheres.fetch(static_cast<std::uint32_t>(word[far_ahead]));
-            const std::uint32_t slot = starts[key_of(*word)]++, id = static_cast<std::uint32_t>(*word);
-            const Point<T> p = spheres.position(id);
-            to.ids.data()[slot] = id;
-            to.x.data()[slot] = p.x;
-            to.y.data()[slot] = p.y;
-            to.z.data()[slot] = p.z;
-            if (spheres.radii != nullptr) to.radii.data()[slot] = spheres.radius(id);
+          std::uint32_t* ids = to.ids.data();
+          T* numbers = to.numbers.data();
+          const std::int64_t stride = to.stride;
+          for (const Traveller* one = begin; one != end; ++one) {
+            const std::uint32_t slot = next[one->cell]++;
+            ids[slot] = one->id;
+            numbers[slot] = one->position.x;
+            numbers[slot + stride] = one->position.y;
+            numbers[slot + 2 * stride] = one->position.z;
+            if (has_radii) numbers[slot + 3 * stride] = one->radius;
           }
-          // Each start has moved on to the next one: move them back.
-          for (std::int64_t cell = end_cell - 1; cell > first_cell; --cell) starts[cell] = starts[cell - 1];
-          starts[first_cell] = static_cast<std::uint32_t>(place);
         });
-    to.cell_start.data()[grid.cell_count] = static_cast<std::uint32_t>(n);
   }
 
   // Block by block, in loops that compilers turn into vector instructions.
   static void number_cells(const SpheresIn<T>& spheres, const Level<T>& level, std::int64_t begin, std::int64_t end,
-                           std::uint64_t* words) {
+                           std::uint32_t* cells) {
     constexpr std::int64_t block = 64;
     std::array<T, block> x, y, z;
     std::array<int, block> cell_x, cell_y, cell_z;
@@ -225,59 +272,63 @@ class CpuSearcher {
         y[i] = p.y;
         z[i] = p.z;
       }
-      cells_at(level.x, x.data(), count, cell_x.data());
-      cells_at(level.y, y.data(), count, cell_y.data());
-      cells_at(level.z, z.data(), count, cell_z.data());
+      const auto find_cells = [count](const CellAxis<T>& axis, const auto& places, auto& numbers) {
+        if (axis.goes_round) {
+          for (std::int64_t i = 0; i < count; ++i) numbers[i] = cell_at(places[i], axis);
+        } else {
+          for (std::int64_t i = 0; i < count; ++i) numbers[i] = clamped_cell(places[i], axis);
+        }
+      };
+      find_cells(level.x, x, cell_x);
+      find_cells(level.y, y, cell_y);
+      find_cells(level.z, z, cell_z);
       for (std::int64_t i = 0; i < count; ++i) {
-        const auto cell = static_cast<std::uint32_t>(cell_x[i]) +
-                          static_cast<std::uint32_t>(level.x.cells) *
-                              static_cast<std::uint32_t>(cell_y[i] + level.y.cells * cell_z[i]);
-        words[begin + i] = word_of(level.first_cell + cell, static_cast<std::uint32_t>(begin + i));
+        cells[begin + i] = level.first_cell + static_cast<std::uint32_t>(cell_x[i]) +
+                           static_cast<std::uint32_t>(level.x.cells) *
+                               static_cast<std::uint32_t>(cell_y[i] + level.y.cells * cell_z[i]);
       }
     }
   }
 
-  // The words of a bucket in order: the offsets of its rows, and what each word says.
-  static void lay_out_rows(std::int64_t first_row, std::int64_t end_row, std::int64_t place, const std::uint64_t* begin,
-                           const std::uint64_t* end, std::vector<std::uint64_t>& sorted, std::int64_t* offsets,
-                           const Columns& to) {
-    sorted.resize(static_cast<std::size_t>(end - begin));
-    std::fill(offsets + first_row, offsets + end_row, 0);
-    for (const std::uint64_t* word = begin; word != end; ++word) ++offsets[key_of(*word)];
-    std::int64_t next = 0, longest = 0;
-    for (std::int64_t row = first_row; row < end_row; ++row) {
-      const std::int64_t count = offsets[row];
+  // The words of a bucket in order: the offsets of its rows, and what each word says. `sorted`: as much room.
+  template <class Word>
+  static void lay_out_rows(std::int64_t first_row, std::int64_t end_row, std::int64_t place, int column_bits,
+                           const Word* begin, const Word* end, Word* sorted, std::int64_t* offsets, const Columns& to) {
+    // While a row's words are placed, the offset of the next one is where the next word of the row goes.
+    std::int64_t* next = offsets + first_row + 1;
+    const std::int64_t rows = end_row - first_row, words = end - begin;
+    std::fill(next, next + rows, 0);
+    for (const Word* word = begin; word != end; ++word) ++next[*word >> column_bits];
+    std::int64_t sum = place, longest = 0;
+    for (std::int64_t row = 0; row < rows; ++row) {
+      const std::int64_t count = next[row];
       longest = std::max(longest, count);
-      offsets[row] = next;
-      next += count;
+      next[row] = sum;
+      sum += count;
     }
-    for (const std::uint64_t* word = begin; word != end; ++word) {
-      sorted[static_cast<std::size_t>(offsets[key_of(*word)]++)] = *word;
-    }
-    // Each offset has moved on to the next one: move it back, to its place among all.
-    for (std::int64_t row = end_row - 1; row > first_row; --row) offsets[row] = place + offsets[row - 1];
-    offsets[first_row] = place;
+    for (const Word* word = begin; word != end; ++word) sorted[next[*word >> column_bits]++ - place] = *word;
 
     // The words are in the order of their rows; in each row those of a few must change places.
     constexpr std::int64_t many = 32;
     if (longest > many) {
-      std::sort(sorted.begin(), sorted.end());
+      std::sort(sorted, sorted + words);
     } else {
-      sort_nearly_sorted(sorted);
+      sort_nearly_sorted(sorted, words);
     }
-    for (std::size_t k = 0; k < sorted.size(); ++k) {
-      to.columns[place + static_cast<std::int64_t>(k)] = static_cast<std::int32_t>(sorted[k] & 0xFFFFFFFFu);
-    }
+    const Word column_mask = static_cast<Word>((std::uint64_t(1) << column_bits) - 1);
+    for (std::int64_t k = 0; k < words; ++k) to.columns[place + k] = static_cast<std::int32_t>(sorted[k] & column_mask);
     if (to.rows == nullptr) return;
-    for (std::size_t k = 0; k < sorted.size(); ++k) {
-      to.rows[place + static_cast<std::int64_t>(k)] = static_cast<std::int32_t>(key_of(sorted[k]));
+    const auto first = static_cast<std::uint32_t>(first_row);
+    for (std::int64_t k = 0; k < words; ++k) {
+      to.rows[place + k] = static_cast<std::int32_t>(static_cast<std::uint32_t>(sorted[k] >> column_bits) + first);
     }
   }
 
-  static void sort_nearly_sorted(std::vector<std::uint64_t>& words) {
-    for (std::size_t place = 1; place < words.size(); ++place) {
-      const std::uint64_t held = words[place];
-      std::size_t hole = place;
+  template <class Word>
+  static void sort_nearly_sorted(Word* words, std::int64_t count) {
+    for (std::int64_t place = 1; place < count; ++place) {
+      const Word held = words[place];
+      std::int64_t hole = place;
       for (; hole > 0 && words[hole - 1] > held; --hole) words[hole] = words[hole - 1];
       words[hole] = held;
     }
@@ -285,11 +336,13 @@ class CpuSearcher {
 
   Slabs slabs_;
   CpuBackend& backend_;
-  FilterRuns<T> filter_;
+  SearchSlots<T> search_slots_;
   Order targets_{backend_}, searchers_{backend_};
-  CpuBackend::Buffer<std::uint64_t> cell_words_{backend_};
-  BucketSort sort_{backend_};
-  std::vector<WordList> found_;
+  CpuBackend::Buffer<std::uint32_t> cells_{backend_};
+  BucketSort<Traveller> sort_{backend_};
+  std::vector<WordLists<std::uint32_t>> short_lists_;  // of each worker
+  std::vector<WordLists<std::uint64_t>> long_lists_;
+  std::vector<std::int64_t> places_;  // of the first word of each bucket, among all
 };
 
 }  // namespace fastcollide::search

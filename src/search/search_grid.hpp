@@ -95,14 +95,17 @@ FC_HOST_DEVICE inline int level_of(T radius, const SearchGrid<T>& grid) {
              : grid.level_of_octave[octave_of(static_cast<double>(radius) + grid.half_margin, grid.base_exponent)];
 }
 
-// stored_cell(cell_number(x)), for an axis that does not go round with less work: cut first, what is left is no less
+// stored_cell(cell_number(x)) for an axis that does not go round, with less work: cut first, what is left is no less
 // than 0, and to cut towards 0 is to round down.
 template <class T>
-FC_HOST_DEVICE inline int cell_at(T x, const CellAxis<T>& axis) {
-  if (axis.goes_round) return stored_cell(cell_number(x, axis), axis);
+FC_HOST_DEVICE inline int clamped_cell(T x, const CellAxis<T>& axis) {
   const T cell = (x - axis.origin) * axis.inverse_edge, last = static_cast<T>(axis.cells - 1);
   const T cut = cell > T(0) ? cell : T(0);
   return static_cast<int>(cut < last ? cut : last);
+}
+template <class T>
+FC_HOST_DEVICE inline int cell_at(T x, const CellAxis<T>& axis) {
+  return axis.goes_round ? stored_cell(cell_number(x, axis), axis) : clamped_cell(x, axis);
 }
 
 template <class T>

@@ -79,7 +79,7 @@ struct SurveySpheres {
   // A whole group of spheres of one size that lie side by side in memory, in loops that become vector instructions.
   // False where one of them may be bad: then each is looked at.
   FC_HOST_DEVICE bool add_group(const T* numbers, Survey<T>& survey) const {
-    constexpr int lanes = 12;  // a multiple of 3: each lane has one axis
+    constexpr int lanes = 24;  // a multiple of 3: each lane has one axis; more than compilers unroll
     T low[lanes], high[lanes], wrong[lanes] = {};
     for (int lane = 0; lane < lanes; ++lane) low[lane] = high[lane] = numbers[lane];
     for (int k = 0; k < 3 * quick_group; k += lanes) {

@@ -14,9 +14,11 @@ FC_HOST_DEVICE inline void visit_pairs_of(const GridView& grid, const CellNeighb
   const Vec3 position{here.x, here.y, here.z};
   const std::uint32_t id = grid.ids[slot];
   auto visit_candidate = [&](std::int64_t other) {
-    if (grid.ids[other] <= id) return;
+    // In this order, as whether they overlap is easy to predict: mostly not.
     const Vec4 there = grid.position_radius[other];
-    if (overlaps(position, here.w, {there.x, there.y, there.z}, there.w, grid.period)) visit(other);
+    if (overlaps(position, here.w, {there.x, there.y, there.z}, there.w, grid.period) && grid.ids[other] > id) {
+      visit(other);
+    }
   };
   neighbors.visit(grid, slot, position, Lane{}, visit_candidate);
 }

@@ -163,20 +163,35 @@ Ledger measure_ledger(B& backend, Vec3 gravity, const Box& box, const Bodies<B>&
   return ledger;
 }
 
-// Calls visit(other, depth) for each contact of a slot with a larger id that could part them: two fixed spheres never.
+// Two fixed spheres in contact never part.
+FC_HOST_DEVICE inline bool can_part(const GridView& grid, std::int64_t a, std::int64_t b) {
+  return !is_fixed(grid.masses[a]) || !is_fixed(grid.masses[b]);
+}
+
+// Of two that are in contact, which was decided in double precision; measured in single.
+FC_HOST_DEVICE inline float overlap_of(const GridView& grid, std::int64_t slot, std::int64_t other) {
+  const Vec4 here = grid.position_radius[slot], there = grid.position_radius[other];
+  const ContactGeometry contact = contact_geometry({here.x, here.y, here.z}, here.w, grid.ids[slot],
+                                                   {there.x, there.y, there.z}, there.w, grid.ids[other], grid.period);
+  return larger(contact.depth, 0.0f);
+}
+
+// Calls visit(other, depth) for each contact of a slot with a larger id that could part them.
 template <class Visit>
 FC_HOST_DEVICE inline void visit_overlaps_of(const GridView& grid, const CellNeighbors& neighbors, std::int64_t slot,
                                              Visit& visit) {
-  const Vec4 here = grid.position_radius[slot];
   auto visit_pair = [&](std::int64_t other) {
-    if (is_fixed(grid.masses[slot]) && is_fixed(grid.masses[other])) return;
-    const Vec4 there = grid.position_radius[other];
-    const ContactGeometry contact =
-        contact_geometry({here.x, here.y, here.z}, here.w, grid.ids[slot], {there.x, there.y, there.z}, there.w,
-                         grid.ids[other], grid.period);
-    visit(other, larger(contact.depth, 0.0f));  // decided in double precision, measured in single
+    if (can_part(grid, slot, other)) visit(other, overlap_of(grid, slot, other));
   };
   visit_pairs_of(grid, neighbors, slot, visit_pair);
+}
+
+FC_HOST_DEVICE inline float deepest_in_walls(const GridView& grid, std::int64_t slot, const Box& box) {
+  float deepest = 0.0f;
+  auto visit_wall = [&](Vec3, float depth, bool) { deepest = larger(deepest, depth); };
+  const Vec4 here = grid.position_radius[slot];
+  if (!is_fixed(grid.masses[slot])) visit_walls({here.x, here.y, here.z}, here.w, box, visit_wall);
+  return deepest;
 }
 
 // Into another sphere or, of a sphere that walls hold, into a wall. Non-negative floats order like their bits.
@@ -186,12 +201,9 @@ struct DeepestOverlap {
   CellNeighbors neighbors;
 
   FC_HOST_DEVICE std::uint32_t operator()(std::int64_t slot) const {
-    float deepest = 0.0f;
+    float deepest = deepest_in_walls(grid, slot, box);
     auto visit = [&](std::int64_t, float depth) { deepest = larger(deepest, depth); };
     visit_overlaps_of(grid, neighbors, slot, visit);
-    auto visit_wall = [&](Vec3, float depth, bool) { deepest = larger(deepest, depth); };
-    const Vec4 here = grid.position_radius[slot];
-    if (!is_fixed(grid.masses[slot])) visit_walls({here.x, here.y, here.z}, here.w, box, visit_wall);
     return bits_of(deepest);
   }
 };
@@ -246,6 +258,10 @@ struct RoundOverlaps {
   }
 };
 
+inline double mean_of_sum(std::int64_t sum, int exponent, std::int64_t count) {
+  return std::ldexp(static_cast<double>(sum), -exponent) / static_cast<double>(count);
+}
+
 template <Backend B>
 double measure_mean_overlap(B& backend, const Grid<B>& grid) {
   const std::int64_t slots = grid.ids.size();
@@ -255,7 +271,7 @@ double measure_mean_overlap(B& backend, const Grid<B>& grid) {
   const int exponent = exponent_for(size.largest, size.count);
   const RoundOverlaps overlaps{std::ldexp(1.0, exponent), view_of(grid), neighbors_in(grid)};
   const std::int64_t sum = backend.transform_reduce(slots, overlaps, std::int64_t(0), Sum{});
-  return std::ldexp(static_cast<double>(sum), -exponent) / static_cast<double>(size.count);
+  return mean_of_sum(sum, exponent, size.count);
 }
 
 // state_hash = mix64(count + sum over all numbers of mix64(bits + 2^32 (16 index + field))): the bits of every number

@@ -267,6 +267,27 @@ def test_more_pairs_than_32_bits_can_count():
     assert (fc.find_contacts(position[:5000], 0.25, output="counts") == 4999).all()
 
 
+@pytest.mark.parametrize("count", [2_000, 2_097_152, 2_120_000])
+def test_pairs_of_up_to_so_many_spheres_that_two_ids_need_more_than_32_bits(count):
+    ids = np.random.default_rng(5).permutation(count).astype(np.int32).reshape(-1, 2)  # two that touch, in each row
+    place = np.stack(np.unravel_index(np.arange(len(ids)), (110, 110, 110)), axis=1).astype(np.float32)
+    position = np.empty((count, 3), np.float32)
+    position[ids[:, 0]] = place
+    position[ids[:, 1]] = place + np.float32(0.125)
+    finder = fc.ContactFinder(threads=2)
+
+    pairs = finder.find_contacts(position, 0.125, output="pairs")
+    rows = finder.find_contacts(position, 0.125, output="neighbors")
+
+    expected = np.sort(ids, axis=1)
+    expected = expected[np.argsort(expected[:, 0])]
+    np.testing.assert_array_equal(np.stack([pairs.first, pairs.second], axis=1), expected)
+    partner = np.empty(count, np.int32)
+    partner[ids] = ids[:, ::-1]
+    np.testing.assert_array_equal(rows.offsets, np.arange(count + 1))
+    np.testing.assert_array_equal(rows.indices, partner)
+
+
 def test_a_list_longer_than_the_limit_is_refused(finder):
     position = np.full((6000, 3), 1.5, np.float32)
     with pytest.raises(fc.OutOfMemory, match=r"max_contacts: found 17997000 contacts; allowed: at most 5000000"):

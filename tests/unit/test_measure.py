@@ -156,3 +156,29 @@ def test_one_dominant_term_and_many_small_ones(device):
 
     assert world.momentum()[0] == 1e9 + 1000
     assert world.energy().kinetic == 0.5 * (1e9 + 1000)
+
+
+def crowd(device, count, side, fixed=0):
+    world = fc.World(((0, 0, 0), (side, side, side)), gravity=(0.5, -1.0, -9.8), device=device)
+    world.add(fc.random_spheres(count, bounds=world.bounds, radius=(0.2, 0.5), seed=7))
+    if fixed:
+        spheres = fc.random_spheres(fixed, bounds=world.bounds, radius=(0.4, 0.5), seed=8)
+        world.add(position=spheres.position, radius=spheres.radius, mass=np.inf)
+    return world
+
+
+@pytest.mark.parametrize(
+    ("count", "side", "fixed"),
+    [(300, 4.0, 0), (200, 3.0, 60), (1, 9.0, 0), (0, 9.0, 0), (2, 9.0, 0), (400, 1.5, 0), (500, 2.0, 500)],
+    ids=["some", "fixed ones", "one", "none", "two apart", "more contacts than room", "many fixed ones"],
+)
+def test_all_at_once_is_each_by_itself(device, count, side, fixed):
+    world = crowd(device, count, side, fixed)
+    for _ in range(3):  # the first time, and with the room of the time before
+        now = world.measure()
+        assert now.energy == world.energy()
+        assert now.momentum.tolist() == world.momentum().tolist()
+        assert now.angular_momentum.tolist() == world.angular_momentum().tolist()
+        contacts = now.contact_count, now.max_overlap, now.mean_overlap
+        assert contacts == (world.contact_count(), world.max_overlap(), world.mean_overlap())
+    assert now.contact_count > 4 * count or side > 1.5
