@@ -1,7 +1,7 @@
 """The time of a frame of spheres whose sizes differ more and more, by each way to find neighbours.
 
     python benchmarks/mixed_sizes.py [--device cuda] [--sizes 20000,100000] [--ratios 1,8,32,100]
-                                     [--methods levels,list] [--solvers substep,reference] [--frames 20] [--repeats 3]
+                                     [--methods auto,list] [--solvers substep,reference] [--frames 20] [--repeats 3]
                                      [--seconds 20] [--output FOLDER] [--note TEXT]
 
 `ratio` is the largest radius (0.4 m) over the smallest, with equal volume in each octave of sizes; the spheres fill a
@@ -77,7 +77,7 @@ def main() -> None:
     parser.add_argument("--device", default="auto")
     parser.add_argument("--sizes", default="20000,100000")
     parser.add_argument("--ratios", default="1,8,32,100")
-    parser.add_argument("--methods", default="levels,list")
+    parser.add_argument("--methods", default="auto,list")
     parser.add_argument("--solvers", default="substep")
     parser.add_argument("--frames", type=int, default=20)
     parser.add_argument("--repeats", type=int, default=3)

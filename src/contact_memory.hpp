@@ -26,7 +26,9 @@ class ContactMemory {
     chained_places_ = std::max(chained_places_, count / 16 + 64);
     resize_copies(count);
     if (known == 0) backend_.fill_zero(copies_[0].chained_count.data(), 1);
-    if (count > known) backend_.fill_zero(copies_[0].rows.data() + known, count - known);
+    if (count <= known) return;
+    // A row is read whole, with the names of partners that it does not have.
+    for (Copy& copy : copies_) backend_.fill_zero(copy.rows.data() + known, count - known);
   }
 
   // Before the first of all passes of a run; `watch` is on the device. The last of them writes copy 2, however many
