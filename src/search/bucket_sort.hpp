@@ -14,10 +14,12 @@ struct Buckets {
   int shift, count;
 
   explicit Buckets(std::int64_t key_count) {
-    constexpr int keys_in_bucket_bits = 8, most_bits = 11;
-    // Some buckets even where there are few keys: what belongs to each may be much.
     const int key_bits = std::max(1, static_cast<int>(std::bit_width(static_cast<std::uint64_t>(key_count - 1))));
-    const int bits = std::clamp(key_bits - keys_in_bucket_bits, std::min(key_bits, 5), most_bits);
+    // 256 keys in each of up to 512 buckets, then up to 2,048 keys in each of up to 2,048: to write to many places in
+    // turn takes longer than to sort what no longer fits into the first cache. Some buckets even of few keys: what
+    // belongs to each may be much.
+    const int few_bits = std::clamp(key_bits - 8, std::min(key_bits, 5), 9);
+    const int bits = std::clamp(key_bits - 11, few_bits, 11);
     shift = key_bits - bits;
     count = static_cast<int>((key_count - 1) >> shift) + 1;
   }
