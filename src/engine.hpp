@@ -399,7 +399,9 @@ class EngineOn final : public Engine {
   }
 
   // Whether cells or lists made for the largest sphere would hold far too many of the others.
-  bool are_sizes_far_apart() const { return levels_.count > 1 && size_spread(radii_) > widest_spread; }
+  bool are_sizes_far_apart() const {
+    return levels_.count > 1 && size_spread(radii_) > (B::has_whole_grid ? widest_spread_on_gpu : widest_spread_on_cpu);
+  }
 
   void update_grid() {
     shape_grid();

@@ -102,7 +102,7 @@ class World:
         method: how neighbours are found, which changes no result: "cells" (a new grid for every pass, simple), "list"
             (lists that are mended and hold for many passes), "frame" (lists made for each frame), "levels" (for each
             size of spheres a grid of its own, new for every pass) or "auto": "levels" where sizes differ more than
-            about 10 times, else "frame" on a GPU and "list" on a CPU.
+            about 10 times (6 on a GPU), else "frame" on a GPU and "list" on a CPU.
         block_size: of CUDA launches of method "cells", a multiple of 32 up to 512.
 
     Raises:
