@@ -438,7 +438,7 @@ class EngineOn final : public Engine {
           frame_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), memory_, timer);
       are_lists_behind_ = true;
       const bool is_slow = frame_runs_.had_many_strays();
-      list_spell_ = is_slow ? std::clamp<std::int64_t>(2 * list_spell_, 64, 1024) : 0;
+      list_spell_ = is_slow ? std::clamp<std::int64_t>(list_spell_ + list_spell_ / 2, 32, 128) : 0;
       frames_by_list_ = list_spell_;
       if (watch) return *watch;
     }
