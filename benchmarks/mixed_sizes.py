@@ -85,6 +85,8 @@ def main() -> None:
     parser.add_argument("--output", type=Path)
     parser.add_argument("--note", default="")
     given = parser.parse_args()
+    if given.output is not None:
+        given.output.mkdir(parents=True, exist_ok=True)
     rows = []
     for count in map(int, given.sizes.split(",")):
         slow = set()
