@@ -30,15 +30,15 @@ class LevelRuns {
     group_levels(world, radii);
     resize(world);
     set_pointers(world);
-    LevelControl control{};
-    backend_.copy_to_device(control_.data(), &control, 1);
-    world.memory = memory.start_run(&control_.data()->watch, frames * frame.iterations);
+    Watch watch;
+    backend_.copy_to_device(watch_.data(), &watch, 1);
+    world.memory = memory.start_run(watch_.data(), frames * frame.iterations);
     HostRun<B> run(backend_, timer);
     simulate_frames_by_levels(run, world, static_cast<std::uint32_t>(frames));
     // Which of the two copies holds what.
     if (world.constants.ids != constants_.ids.data()) std::swap(constants_, other_constants_);
-    backend_.copy_to_host(&control, std::as_const(control_).data(), 1);
-    return control.watch;
+    backend_.copy_to_host(&watch, std::as_const(watch_).data(), 1);
+    return watch;
   }
 
  private:
@@ -84,7 +84,7 @@ class LevelRuns {
       backend_.fill_zero(cell_counts_.data(), cells);
     }
     cell_start_.resize(cells + 1);
-    control_.resize(1);
+    watch_.resize(1);
     count_ = count;
   }
 
@@ -100,7 +100,7 @@ class LevelRuns {
     world.velocity_change = velocity_change_.data();
     world.turn = turn_.size() > 0 ? turn_.data() : nullptr;
     world.pick = pick_.data();
-    world.control = control_.data();
+    world.watch = watch_.data();
   }
 
   B& backend_;
@@ -109,7 +109,7 @@ class LevelRuns {
   typename B::template Buffer<std::uint32_t> cell_of_slot_{backend_}, rank_of_slot_{backend_}, cell_counts_{backend_},
       cell_start_{backend_}, pick_{backend_};
   typename B::template Buffer<Vec3> velocity_change_{backend_}, turn_{backend_};
-  typename B::template Buffer<LevelControl> control_{backend_};
+  typename B::template Buffer<Watch> watch_{backend_};
   std::int64_t count_ = 0;  // of the spheres whose ids the slots hold
 };
 

@@ -36,7 +36,7 @@ struct LevelWorld {
   Vec3* turn;  // or null
   std::uint32_t* pick;
   MemoryCopies memory;
-  LevelControl* control;
+  Watch* watch;
 
   GridView grid() const { return view_of(state, constants, count, period_of(frame.substep.box)); }
   LevelNeighbors neighbors() const { return {levels, cell_start, cell_start + 1}; }
@@ -44,7 +44,7 @@ struct LevelWorld {
     const Substep& step = frame.substep;
     return {other_state,
             {levels, cell_of_slot, rank_of_slot, cell_counts},
-            {step.flight, step.box, step.wall, step.frame + 1, &control->watch},
+            {step.flight, step.box, step.wall, step.frame + 1, watch},
             frame.solver == Solver::reference && ends_frame && !is_last,
             !is_last};
   }
@@ -67,22 +67,21 @@ void sort_by_levels(Run& run, LevelWorld& world) {
 template <class Run>
 void run_level_pass(Run& run, LevelWorld& world, std::uint32_t pass, const ToNextPass& output) {
   const Substep& step = world.frame.substep;
-  Watch* watch = &world.control->watch;
   const auto run_groups = [&](Stage stage, const auto& contacts) {
     for (int i = 0; i < world.group_count; ++i) run.for_each_of_group(stage, world.groups[i], contacts);
   };
   if (world.frame.solver == Solver::reference) {
     run_groups(Stage::solve_contacts,
                SolveContacts<LevelNeighbors, ToNextPass>{world.frame.scales, step.box, step.frame, world.grid(),
-                                                         world.neighbors(), output, &watch->first_fault});
+                                                         world.neighbors(), output, &world.watch->first_fault});
   } else {
     const MemoryPass memory = world.memory.of_pass(pass);
     run_groups(Stage::gather_contacts, GatherContacts<LevelNeighbors, ToNextPass>{
                                            step, world.grid(), world.neighbors(), output, world.velocity_change,
-                                           world.turn, world.pick, &watch->first_fault, memory});
+                                           world.turn, world.pick, &world.watch->first_fault, memory});
     run.for_each(Stage::apply_contacts, world.count,
                  ApplyContacts<ToNextPass>{step, world.grid(), output, world.velocity_change, world.turn, world.pick,
-                                           watch, memory.cleared});
+                                           world.watch, memory.cleared});
   }
   world.swap_state();
 }
@@ -104,7 +103,7 @@ void simulate_frames_by_levels(Run& run, LevelWorld& world, std::uint32_t frames
     }
   }
   run.for_each(Stage::store, world.count,
-               StoreLevelBodies{{world.state, world.constants.ids, world.bodies}, &world.control->watch});
+               StoreLevelBodies{{world.state, world.constants.ids, world.bodies}, world.watch});
 }
 
 }  // namespace fastcollide

@@ -8,11 +8,6 @@
 
 namespace fastcollide {
 
-// What the device tells the host about a run of frames.
-struct LevelControl {
-  Watch watch;
-};
-
 // Where spheres are counted into cells before they are sorted.
 struct LevelCounter {
   CellLevels levels;
