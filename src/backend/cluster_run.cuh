@@ -215,15 +215,16 @@ struct SmallRunner<CudaBackend> {
     const OnDevice on(backend.cuda_device());
     SmallWorld world = program.world;
     const std::uint32_t owned = owned_by_block(world.count), blocks = (world.count + owned - 1) / owned;
-    std::uint32_t lanes = 32;
+    std::uint32_t lanes = most_lanes;
     while (lanes > 1 && owned * lanes > cluster_run_threads) lanes /= 2;
+    const std::uint32_t threads = std::min<std::uint32_t>((owned * lanes + 31) / 32 * 32, cluster_run_threads);
     const auto kernel = run_on_cluster<Program>;
     check(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(block_bytes)),
           "shared memory");
     check(cudaFuncSetAttribute(kernel, cudaFuncAttributeNonPortableClusterSizeAllowed, 1), "cluster size");
     cudaLaunchConfig_t config{};
     config.gridDim = {blocks, 1, 1};
-    config.blockDim = {cluster_run_threads, 1, 1};
+    config.blockDim = {threads, 1, 1};
     config.dynamicSmemBytes = world.lay_out(nullptr, owned, blocks);
     config.stream = backend.stream();
     cudaLaunchAttribute cluster{};
@@ -238,7 +239,7 @@ struct SmallRunner<CudaBackend> {
 
  private:
   // Sixteen blocks are what these cards allow; fewer wait for each other sooner.
-  static constexpr std::uint32_t most_blocks = 16, fewest_owned = 32;
+  static constexpr std::uint32_t most_blocks = 16, fewest_owned = 32, most_lanes = 8;
   static std::uint32_t owned_by_block(std::uint32_t count) {
     return std::max(fewest_owned, (count + 4 * most_blocks - 1) / (4 * most_blocks) * 4);
   }

@@ -128,7 +128,7 @@ def test_the_stages_are_known_and_those_of_the_method():
     rows = run_bench(replace(SMALL, sizes=(90,), method=METHODS))
     for row in rows:
         assert set(row.stages) <= set(bench.STAGES)
-        assert ("make_lists" in row.stages) == (row.method in ("list", "frame"))
+        assert ("make_lists" in row.stages) == (row.method in ("list", "frame", "auto"))
         assert ("solve_contacts" in row.stages) == (row.solver == "reference")
 
 
