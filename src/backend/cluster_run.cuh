@@ -19,15 +19,15 @@ inline constexpr int cluster_run_threads = 512;
 #if defined(__CUDA_ARCH__) && defined(_CG_HAS_CLUSTER_GROUP)
 class ClusterRun {
  public:
-  // owned: spheres of a block, but for the last one; lanes: that share one of them, a power of two up to 32;
-  // arrived: two barriers in shared memory.
+  // owned: spheres of a block, the last ones may have fewer or none; lanes: that share one of them, a power of two up
+  // to 32; arrived: two barriers in shared memory.
   __device__ ClusterRun(std::uint32_t count, std::uint32_t owned, std::uint32_t lanes, std::uint64_t* arrived,
                         std::uint64_t* ticks)
       : lanes_(lanes), arrived_(arrived), ticks_(ticks), last_(clock64()) {
     const auto cluster = cooperative_groups::this_cluster();
     block_ = cluster.block_rank();
     blocks_ = cluster.num_blocks();
-    first_ = block_ * owned;
+    first_ = min(block_ * owned, count);
     owned_ = min(owned, count - first_);
     others_ = count - owned_;
     if (threadIdx.x == 0) {
@@ -110,7 +110,7 @@ class ClusterRun {
   struct Count {
     const ClusterRun& run;
     std::uint32_t& bytes;
-    // All blocks but the last own a multiple of 4: no sixteen belongs to two of them.
+    // A block begins at a multiple of 4 spheres: no sixteen belongs to two of them.
     template <class T>
     __device__ void operator()(T*) const {
       bytes += bytes_of<T>(run.others_);
@@ -130,6 +130,7 @@ class ClusterRun {
     __device__ void news(SmallNews* all) const { copy(all + run.block_, sizeof(SmallNews)); }
     template <class T>
     __device__ void copy(T* from, std::uint32_t bytes) const {
+      if (bytes == 0) return;
       const auto cluster = cooperative_groups::this_cluster();
       cuda::ptx::cp_async_bulk(cuda::ptx::space_cluster, cuda::ptx::space_shared, cluster.map_shared_rank(from, block),
                                from, bytes, cluster.map_shared_rank(arrived, block));
@@ -191,22 +192,28 @@ __global__ void __launch_bounds__(cluster_run_threads, 1)
 #endif
 }
 
+// Asks only whether such a cluster can be started.
+inline __global__ void __launch_bounds__(cluster_run_threads, 1) probe_cluster() {}
+
 template <>
 struct SmallRunner<CudaBackend> {
   explicit SmallRunner(CudaBackend& backend) : backend(backend) {
+    const OnDevice on(backend.cuda_device());
     const auto attribute = [&](cudaDeviceAttr which) {
       int value = 0;
       check(cudaDeviceGetAttribute(&value, which, backend.cuda_device()), "cudaDeviceGetAttribute");
       return value;
     };
-    has_clusters = attribute(cudaDevAttrComputeCapabilityMajor) >= 9;
+    if (attribute(cudaDevAttrComputeCapabilityMajor) < 9) return;
     block_bytes = static_cast<std::size_t>(attribute(cudaDevAttrMaxSharedMemoryPerBlockOptin)) - 64;  // for barriers
+    for (most_blocks = 16; most_blocks >= 4 && !can_start(probe_cluster, most_blocks); most_blocks /= 2) {
+    }
   }
 
   bool has_room(SmallWorld world) const {
-    return has_clusters && world.lay_out(nullptr, owned_by_block(world.count), most_blocks) <= block_bytes;
+    return most_blocks >= 4 &&
+           world.lay_out(nullptr, owned_by_block(world.count, most_blocks), most_blocks) <= block_bytes;
   }
-
   // With more spheres, what blocks send each other takes too long.
   bool pays(std::int64_t count) const { return count <= 1280; }
 
@@ -214,38 +221,60 @@ struct SmallRunner<CudaBackend> {
   void run(const Program& program, StageTimer& timer) {
     const OnDevice on(backend.cuda_device());
     SmallWorld world = program.world;
-    const std::uint32_t owned = owned_by_block(world.count), blocks = (world.count + owned - 1) / owned;
+    // A power of two; fewer blocks wait for each other sooner.
+    std::uint32_t blocks = 1;
+    while (blocks < most_blocks && blocks * enough_owned < world.count) blocks *= 2;
+    const std::uint32_t owned = owned_by_block(world.count, blocks);
     std::uint32_t lanes = most_lanes;
     while (lanes > 1 && owned * lanes > cluster_run_threads) lanes /= 2;
     const std::uint32_t threads = std::min<std::uint32_t>((owned * lanes + 31) / 32 * 32, cluster_run_threads);
     const auto kernel = run_on_cluster<Program>;
-    check(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(block_bytes)),
-          "shared memory");
-    check(cudaFuncSetAttribute(kernel, cudaFuncAttributeNonPortableClusterSizeAllowed, 1), "cluster size");
-    cudaLaunchConfig_t config{};
-    config.gridDim = {blocks, 1, 1};
-    config.blockDim = {threads, 1, 1};
-    config.dynamicSmemBytes = world.lay_out(nullptr, owned, blocks);
-    config.stream = backend.stream();
-    cudaLaunchAttribute cluster{};
-    cluster.id = cudaLaunchAttributeClusterDimension;
-    cluster.val.clusterDim = {blocks, 1, 1};
-    config.attrs = &cluster;
-    config.numAttrs = 1;
+    allow_large(kernel);
+    cudaLaunchAttribute cluster;
+    const cudaLaunchConfig_t config = configure(cluster, blocks, threads, world.lay_out(nullptr, owned, blocks));
     backend.time_ticks(timer, [&](std::uint64_t* ticks) {
       check(cudaLaunchKernelEx(&config, kernel, program, world.count, owned, lanes, ticks), "cluster launch");
     });
   }
 
  private:
-  // Sixteen blocks are what these cards allow; fewer wait for each other sooner.
-  static constexpr std::uint32_t most_blocks = 16, fewest_owned = 32, most_lanes = 8;
-  static std::uint32_t owned_by_block(std::uint32_t count) {
-    return std::max(fewest_owned, (count + 4 * most_blocks - 1) / (4 * most_blocks) * 4);
+  static constexpr std::uint32_t enough_owned = 32, most_lanes = 8;
+  static std::uint32_t owned_by_block(std::uint32_t count, std::uint32_t blocks) {
+    return (count + 4 * blocks - 1) / (4 * blocks) * 4;
+  }
+
+  template <class Kernel>
+  void allow_large(Kernel kernel) const {
+    check(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(block_bytes)),
+          "shared memory");
+    check(cudaFuncSetAttribute(kernel, cudaFuncAttributeNonPortableClusterSizeAllowed, 1), "cluster size");
+  }
+  cudaLaunchConfig_t configure(cudaLaunchAttribute& cluster, std::uint32_t blocks, std::uint32_t threads,
+                               std::size_t bytes) const {
+    cluster = {};
+    cluster.id = cudaLaunchAttributeClusterDimension;
+    cluster.val.clusterDim = {blocks, 1, 1};
+    cudaLaunchConfig_t config{};
+    config.gridDim = {blocks, 1, 1};
+    config.blockDim = {threads, 1, 1};
+    config.dynamicSmemBytes = bytes;
+    config.stream = backend.stream();
+    config.attrs = &cluster;
+    config.numAttrs = 1;
+    return config;
+  }
+  bool can_start(void (*kernel)(), std::uint32_t blocks) const {
+    allow_large(kernel);
+    cudaLaunchAttribute cluster;
+    const cudaLaunchConfig_t config = configure(cluster, blocks, cluster_run_threads, block_bytes);
+    int clusters = 0;
+    const cudaError_t status = cudaOccupancyMaxActiveClusters(&clusters, kernel, &config);
+    if (status != cudaSuccess) cudaGetLastError();  // more blocks than a cluster of this card may have
+    return status == cudaSuccess && clusters > 0;
   }
 
   CudaBackend& backend;
-  bool has_clusters = false;
+  std::uint32_t most_blocks = 0;  // of a cluster; 0: there are none
   std::size_t block_bytes = 0;
 };
 
