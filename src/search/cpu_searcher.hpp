@@ -8,6 +8,7 @@
 #include "bucket_sort.hpp"
 #include "problem.hpp"
 #include "slot_search.hpp"
+#include "sort_within_rows.hpp"
 #include "survey.hpp"
 #include "word_lists.hpp"
 
@@ -19,9 +20,10 @@ class CpuSearcher {
   // Rows twice as wide as the reach: four runs of slots around a sphere, each long enough for wide vector units.
   static constexpr CellEdges edges{0.5, 2.0};
   static constexpr std::int64_t group_size = quick_group;
+  static constexpr bool needs_offsets = false;  // of rows, to find their entries
 
   explicit CpuSearcher(CpuBackend& backend)
-      : slabs_(backend.threads()), backend_(backend), search_slots_(search_slots<T>(best_simd())) {}
+      : slabs_(backend.threads()), backend_(backend), simd_(best_simd()), search_slots_(search_slots<T>(simd_)) {}
 
   void build(const Problem<T>& problem) {
     const bool has_radii = problem.targets.radii != nullptr || problem.spheres.radii != nullptr;
@@ -57,7 +59,8 @@ class CpuSearcher {
     });
   }
 
-  // Offsets of the rows, one more than rows, and through allocate(total) their entries, ascending.
+  // Offsets of the rows, one more than rows (or null: nobody asks for them), and through allocate(total) their entries,
+  // ascending.
   template <class Refuse, class Allocate>
   std::int64_t find(const Problem<T>& problem, Rows rows, std::int64_t* offsets, const Refuse& refuse_if_too_many,
                     const Allocate& allocate) {
@@ -114,19 +117,14 @@ class CpuSearcher {
     }
     places_[static_cast<std::size_t>(buckets.count)] = place;
     slabs_.run(slabs_.count(buckets.count, 4, 4), buckets.count, [&](int, std::int64_t begin, std::int64_t end) {
-      CpuBackend::Buffer<Word> words(backend_), sorted(backend_);
+      BucketSpace<Word> space(backend_);
       for (std::int64_t bucket = begin; bucket < end; ++bucket) {
-        const std::int64_t first = places_[static_cast<std::size_t>(bucket)],
-                           words_here = places_[static_cast<std::size_t>(bucket) + 1] - first;
-        words.resize(words_here);
-        sorted.resize(words_here);
-        Word* to = words.data();
-        for (const WordLists<Word>& list : lists) to = list.copy(bucket, to);
-        lay_out_rows(bucket << buckets.shift, std::min((bucket + 1) << buckets.shift, problem.spheres.count), first,
-                     format.column_bits, words.data(), to, sorted.data(), offsets, columns);
+        lay_out_rows<Word>(bucket << buckets.shift, std::min((bucket + 1) << buckets.shift, problem.spheres.count),
+                           places_[static_cast<std::size_t>(bucket)], format.column_bits, lists, bucket, space, offsets,
+                           columns);
       }
     });
-    offsets[0] = 0;
+    if (offsets != nullptr) offsets[0] = 0;
     return total;
   }
 
@@ -290,31 +288,51 @@ class CpuSearcher {
     }
   }
 
-  // The words of a bucket in order: the offsets of its rows, and what each word says. `sorted`: as much room.
+  // Memory to lay out a bucket in.
   template <class Word>
-  static void lay_out_rows(std::int64_t first_row, std::int64_t end_row, std::int64_t place, int column_bits,
-                           const Word* begin, const Word* end, Word* sorted, std::int64_t* offsets, const Columns& to) {
-    // While a row's words are placed, the offset of the next one is where the next word of the row goes.
-    std::int64_t* next = offsets + first_row + 1;
-    const std::int64_t rows = end_row - first_row, words = end - begin;
-    std::fill(next, next + rows, 0);
-    for (const Word* word = begin; word != end; ++word) ++next[*word >> column_bits];
-    std::int64_t sum = place, longest = 0;
+  struct BucketSpace {
+    explicit BucketSpace(CpuBackend& backend) : words(backend), next(backend) {}
+
+    CpuBackend::Buffer<Word> words, next;
+  };
+
+  // Puts the words of a bucket in order: the offsets of its rows, if wanted, and what each word says.
+  template <class Word>
+  void lay_out_rows(std::int64_t first_row, std::int64_t end_row, std::int64_t place, int column_bits,
+                    std::span<const WordLists<Word>> lists, std::int64_t bucket, BucketSpace<Word>& space,
+                    std::int64_t* offsets, const Columns& to) const {
+    const auto visit_words = [&](const auto& visit) {
+      for (const WordLists<Word>& list : lists) {
+        list.visit_words(bucket, [&](const Word* words, std::int64_t count) {
+          for (std::int64_t k = 0; k < count; ++k) visit(words[k]);
+        });
+      }
+    };
+    // While a row's words are placed, the end of the row is where the next one goes. Words of a bucket differ, so a
+    // word can count them.
+    const std::int64_t rows = end_row - first_row;
+    space.next.resize(rows);
+    Word* next = space.next.data();
+    std::fill(next, next + rows, Word(0));
+    visit_words([&](Word word) { ++next[word >> column_bits]; });
+    Word sum = 0, longest = 0;
     for (std::int64_t row = 0; row < rows; ++row) {
-      const std::int64_t count = next[row];
+      const Word count = next[row];
       longest = std::max(longest, count);
       next[row] = sum;
       sum += count;
     }
-    for (const Word* word = begin; word != end; ++word) sorted[next[*word >> column_bits]++ - place] = *word;
-
-    // The words are in the order of their rows; in each row those of a few must change places.
-    constexpr std::int64_t many = 32;
-    if (longest > many) {
-      std::sort(sorted, sorted + words);
-    } else {
-      sort_nearly_sorted(sorted, words);
+    const auto words = static_cast<std::int64_t>(sum);
+    space.words.resize(words + sort_padding);
+    Word* sorted = space.words.data();
+    visit_words([&](Word word) { sorted[next[word >> column_bits]++] = word; });
+    if (offsets != nullptr) {
+      for (std::int64_t row = 0; row < rows; ++row) {
+        offsets[first_row + row + 1] = place + static_cast<std::int64_t>(next[row]);
+      }
     }
+    sort_within_rows(sorted, words, static_cast<std::int64_t>(longest), simd_);
+
     const Word column_mask = static_cast<Word>((std::uint64_t(1) << column_bits) - 1);
     for (std::int64_t k = 0; k < words; ++k) to.columns[place + k] = static_cast<std::int32_t>(sorted[k] & column_mask);
     if (to.rows == nullptr) return;
@@ -324,18 +342,9 @@ class CpuSearcher {
     }
   }
 
-  template <class Word>
-  static void sort_nearly_sorted(Word* words, std::int64_t count) {
-    for (std::int64_t place = 1; place < count; ++place) {
-      const Word held = words[place];
-      std::int64_t hole = place;
-      for (; hole > 0 && words[hole - 1] > held; --hole) words[hole] = words[hole - 1];
-      words[hole] = held;
-    }
-  }
-
   Slabs slabs_;
   CpuBackend& backend_;
+  Simd simd_;
   SearchSlots<T> search_slots_;
   Order targets_{backend_}, searchers_{backend_};
   CpuBackend::Buffer<std::uint32_t> cells_{backend_};

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <cstring>
 #include <vector>
 
 #include "../backend/cpu.hpp"
@@ -51,15 +50,14 @@ class WordLists {
     return full + (ends_[b] - sorted_[starts_[b + 1] - 1]);
   }
 
-  // Returns where they end.
-  Word* copy(std::int64_t bucket, Word* to) const {
+  // visit(words, count) for each chunk.
+  template <class Visit>
+  void visit_words(std::int64_t bucket, const Visit& visit) const {
     const auto b = static_cast<std::size_t>(bucket);
     for (std::uint32_t k = starts_[b]; k < starts_[b + 1]; ++k) {
-      const std::int64_t words = k + 1 < starts_[b + 1] ? chunk_words : ends_[b] - sorted_[k];
-      std::memcpy(to, sorted_[k], static_cast<std::size_t>(words) * sizeof(Word));
-      to += words;
+      const Word* words = sorted_[k];
+      visit(words, k + 1 < starts_[b + 1] ? chunk_words : ends_[b] - words);
     }
-    return to;
   }
 
  private:
