@@ -190,14 +190,38 @@ class CpuSearcher {
   }
 
   // A sphere on its way into its cell. It takes its numbers along: to fetch them at the end, in no order, takes longer.
-  struct Traveller {
-    std::uint32_t cell, id;
+  // Its tag has its cell, counted from the first of the bucket, and its index: mostly 32 bits are enough for both.
+  template <class Tag, bool has_radius>
+  struct Traveller;
+  template <class Tag>
+  struct Traveller<Tag, false> {
+    Point<T> position;
+    Tag tag;
+  };
+  template <class Tag>
+  struct Traveller<Tag, true> {
     Point<T> position;
     T radius;
+    Tag tag;
   };
 
   // Sorts spheres by (cell, index) and copies them there. Searchers have no level of their own: the finest serves.
   void order(const SpheresIn<T>& spheres, const SearchGrid<T>& grid, bool has_radii, bool are_searchers, Order& to) {
+    const Buckets buckets(grid.cell_count);
+    const int index_bits = std::bit_width(static_cast<std::uint64_t>(spheres.count - 1));
+    const bool is_short = buckets.shift + index_bits <= 32;
+    if (has_radii) {
+      if (is_short) return order<std::uint32_t, true>(spheres, grid, buckets, index_bits, are_searchers, to);
+      return order<std::uint64_t, true>(spheres, grid, buckets, index_bits, are_searchers, to);
+    }
+    if (is_short) return order<std::uint32_t, false>(spheres, grid, buckets, index_bits, are_searchers, to);
+    order<std::uint64_t, false>(spheres, grid, buckets, index_bits, are_searchers, to);
+  }
+
+  template <class Tag, bool has_radii>
+  void order(const SpheresIn<T>& spheres, const SearchGrid<T>& grid, const Buckets& buckets, int index_bits,
+             bool are_searchers, Order& to) {
+    using Entry = Traveller<Tag, has_radii>;
     const std::int64_t n = spheres.count;
     to.ids.resize(n + slot_padding);
     to.has_radii = has_radii;
@@ -206,9 +230,8 @@ class CpuSearcher {
     to.cell_start.resize(std::int64_t(grid.cell_count) + 1);
     to.cell_start.data()[0] = 0;
     cells_.resize(n);
-    const Buckets buckets(grid.cell_count);
     const int parts = slabs_.count(n, 4096, 2);
-    sort_.sort(
+    sort_.sort<Entry>(
         slabs_, buckets, grid.cell_count, parts, n,
         [&](int slab, std::int64_t* counts) {
           const std::int64_t begin = n * slab / parts, end = n * (slab + 1) / parts;
@@ -223,21 +246,29 @@ class CpuSearcher {
           }
           for (std::int64_t i = begin; i < end; ++i) ++counts[cells[i] >> buckets.shift];
         },
-        [&](int slab, std::int64_t* next, Traveller* travellers) {
+        [&](int slab, std::int64_t* next, Entry* travellers) {
+          const SpheresIn<T> from = spheres;  // of this function alone: what is written cannot change it
           const std::uint32_t* cells = cells_.data();
+          const std::uint32_t mask = (std::uint32_t(1) << buckets.shift) - 1;
+          const int shift = buckets.shift, bits = index_bits;
           for (std::int64_t i = n * slab / parts, end = n * (slab + 1) / parts; i < end; ++i) {
-            travellers[next[cells[i] >> buckets.shift]++] = {cells[i], static_cast<std::uint32_t>(i),
-                                                             spheres.position(i), spheres.radius(i)};
+            const std::uint32_t cell = cells[i];
+            Entry one;
+            one.position = from.position(i);
+            if constexpr (has_radii) one.radius = from.radius(i);
+            one.tag = static_cast<Tag>(static_cast<Tag>(cell & mask) << bits | static_cast<Tag>(i));
+            travellers[next[cell >> shift]++] = one;
           }
         },
-        [&](std::int64_t first_cell, std::int64_t end_cell, std::int64_t place, const Traveller* begin,
-            const Traveller* end) {
+        [&](std::int64_t first_cell, std::int64_t end_cell, std::int64_t place, const Entry* begin, const Entry* end) {
           // While a cell's spheres are placed, the start of the next one is where the next sphere goes.
-          std::uint32_t* next = to.cell_start.data() + 1;
-          std::fill(next + first_cell, next + end_cell, 0u);
-          for (const Traveller* one = begin; one != end; ++one) ++next[one->cell];
+          std::uint32_t* next = to.cell_start.data() + 1 + first_cell;
+          const std::int64_t cell_count = end_cell - first_cell;
+          const int bits = index_bits;
+          std::fill(next, next + cell_count, 0u);
+          for (const Entry* one = begin; one != end; ++one) ++next[one->tag >> bits];
           auto sum = static_cast<std::uint32_t>(place);
-          for (std::int64_t cell = first_cell; cell < end_cell; ++cell) {
+          for (std::int64_t cell = 0; cell < cell_count; ++cell) {
             const std::uint32_t count = next[cell];
             next[cell] = sum;
             sum += count;
@@ -245,13 +276,14 @@ class CpuSearcher {
           std::uint32_t* ids = to.ids.data();
           T* numbers = to.numbers.data();
           const std::int64_t stride = to.stride;
-          for (const Traveller* one = begin; one != end; ++one) {
-            const std::uint32_t slot = next[one->cell]++;
-            ids[slot] = one->id;
+          const auto index_mask = static_cast<std::uint32_t>((std::uint64_t(1) << index_bits) - 1);
+          for (const Entry* one = begin; one != end; ++one) {
+            const std::uint32_t slot = next[one->tag >> bits]++;
+            ids[slot] = static_cast<std::uint32_t>(one->tag) & index_mask;
             numbers[slot] = one->position.x;
             numbers[slot + stride] = one->position.y;
             numbers[slot + 2 * stride] = one->position.z;
-            if (has_radii) numbers[slot + 3 * stride] = one->radius;
+            if constexpr (has_radii) numbers[slot + 3 * stride] = one->radius;
           }
         });
   }
@@ -348,7 +380,7 @@ class CpuSearcher {
   SearchSlots<T> search_slots_;
   Order targets_{backend_}, searchers_{backend_};
   CpuBackend::Buffer<std::uint32_t> cells_{backend_};
-  BucketSort<Traveller> sort_{backend_};
+  BucketSort sort_{backend_};
   std::vector<WordLists<std::uint32_t>> short_lists_;  // of each worker
   std::vector<WordLists<std::uint64_t>> long_lists_;
   std::vector<std::int64_t> places_;  // of the first word of each bucket, among all
