@@ -90,6 +90,16 @@ class CpuSearcher {
     int column_bits;
   };
 
+  template <class Word>
+  struct WordMaker {
+    int shift, column_bits;
+
+    typename WordLists<Word>::Entry operator()(std::uint32_t row, std::uint32_t column) const {
+      const std::uint32_t bucket = row >> shift;
+      return {bucket, static_cast<Word>(static_cast<Word>(row - (bucket << shift)) << column_bits | column)};
+    }
+  };
+
   static constexpr std::int64_t many_words = std::int64_t(1) << 26;
 
   template <class Word, class Refuse, class Allocate>
@@ -167,22 +177,21 @@ class CpuSearcher {
     std::atomic<std::int64_t> written = 0;
     const auto make_sink = [&, most](int worker) {
       return [=, &written, list = &lists[static_cast<std::size_t>(worker)], shift = format.buckets.shift,
-              mask = (std::uint32_t(1) << format.buckets.shift) - 1, column_bits = format.column_bits](
-                 std::int64_t hits, const std::uint32_t* searchers, const std::uint32_t* found) {
-        const std::int64_t added = both ? 2 * hits : hits;
-        if (written.fetch_add(added, std::memory_order_relaxed) > most) return;
-        const auto add = [&](std::uint32_t row, std::uint32_t column) {
-          list->add(row >> shift, static_cast<Word>(static_cast<Word>(row & mask) << column_bits | column));
-        };
-        for (std::int64_t k = 0; k < hits; ++k) {
-          const std::uint32_t i = searchers[k], j = found[k];
-          if (both) {
-            add(i, j);
-            add(j, i);
-          } else {
-            add(is_one_set ? std::min(i, j) : i, is_one_set ? std::max(i, j) : j);
-          }
+              column_bits = format.column_bits](std::int64_t hits, const std::uint32_t* searchers,
+                                                const std::uint32_t* found) {
+        if (written.fetch_add(both ? 2 * hits : hits, std::memory_order_relaxed) > most) return;
+        const WordMaker<Word> make{shift, column_bits};
+        if (!is_one_set) return list->add(hits, [=](std::int64_t k) { return make(searchers[k], found[k]); });
+        if (both) {
+          list->add(hits, [=](std::int64_t k) { return make(searchers[k], found[k]); });
+          return list->add(hits, [=](std::int64_t k) { return make(found[k], searchers[k]); });
         }
+        list->add(hits, [=](std::int64_t k) {
+          // The smaller one first, without a branch that nothing could predict.
+          const std::uint32_t i = searchers[k], j = found[k];
+          const std::uint32_t exchanged = (i ^ j) & (0u - static_cast<std::uint32_t>(j < i));
+          return make(i ^ exchanged, j ^ exchanged);
+        });
       };
     };
     search(problem, make_sink, [&](int worker) { lists[static_cast<std::size_t>(worker)].close(); });

@@ -24,12 +24,24 @@ class WordLists {
 
   void release() { *this = WordLists(*backend_); }
 
-  void add(std::int64_t bucket, Word word) {
-    Word*& end = ends_[static_cast<std::size_t>(bucket)];
-    // At the end of a chunk, which is where another could begin; or there is none yet.
-    if (reinterpret_cast<std::uintptr_t>(end) % sizeof(Chunk) == 0) [[unlikely]]
-      end = next_chunk(bucket);
-    *end++ = word;
+  struct Entry {
+    std::uint32_t bucket;
+    Word word;
+  };
+
+  // Adds entry(0) ... entry(count - 1).
+  template <class MakeEntry>
+  void add(std::int64_t count, const MakeEntry& entry) {
+    Word** const ends = ends_.data();
+    for (std::int64_t k = 0; k < count; ++k) {
+      const auto [bucket, word] = entry(k);
+      Word* end = ends[bucket];
+      // At the end of a chunk, which is where another could begin; or there is none yet.
+      if (reinterpret_cast<std::uintptr_t>(end) % sizeof(Chunk) == 0) [[unlikely]]
+        end = next_chunk(bucket);
+      *end = word;
+      ends[bucket] = end + 1;
+    }
   }
 
   // Sorts the chunks by bucket. Then:
