@@ -266,7 +266,9 @@ class CpuSearcher {
             one.position = from.position(i);
             if constexpr (has_radii) one.radius = from.radius(i);
             one.tag = static_cast<Tag>(static_cast<Tag>(cell & mask) << bits | static_cast<Tag>(i));
-            travellers[next[cell >> shift]++] = one;
+            Entry* to_place = travellers + next[cell >> shift]++;
+            search::fetch_to_write(to_place + line_bytes / sizeof(Entry));
+            *to_place = one;
           }
         },
         [&](std::int64_t first_cell, std::int64_t end_cell, std::int64_t place, const Entry* begin, const Entry* end) {
@@ -274,6 +276,11 @@ class CpuSearcher {
           std::uint32_t* next = to.cell_start.data() + 1 + first_cell;
           const std::int64_t cell_count = end_cell - first_cell;
           const int bits = index_bits;
+          std::uint32_t* ids = to.ids.data();
+          T* numbers = to.numbers.data();
+          const std::int64_t stride = to.stride;
+          fetch_to_write(ids + place, end - begin);
+          for (int k = 0; k < (has_radii ? 4 : 3); ++k) fetch_to_write(numbers + place + k * stride, end - begin);
           std::fill(next, next + cell_count, 0u);
           for (const Entry* one = begin; one != end; ++one) ++next[one->tag >> bits];
           auto sum = static_cast<std::uint32_t>(place);
@@ -282,9 +289,6 @@ class CpuSearcher {
             next[cell] = sum;
             sum += count;
           }
-          std::uint32_t* ids = to.ids.data();
-          T* numbers = to.numbers.data();
-          const std::int64_t stride = to.stride;
           const auto index_mask = static_cast<std::uint32_t>((std::uint64_t(1) << index_bits) - 1);
           for (const Entry* one = begin; one != end; ++one) {
             const std::uint32_t slot = next[one->tag >> bits]++;
@@ -295,6 +299,13 @@ class CpuSearcher {
             if constexpr (has_radii) numbers[slot + 3 * stride] = one->radius;
           }
         });
+  }
+
+  static constexpr std::int64_t line_bytes = 64;
+
+  template <class U>
+  static void fetch_to_write(const U* begin, std::int64_t count) {
+    for (std::int64_t k = 0; k < count; k += line_bytes / sizeof(U)) search::fetch_to_write(begin + k);
   }
 
   // Block by block, in loops that compilers turn into vector instructions.

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "../backend/cpu.hpp"
+#include "point.hpp"
 
 namespace fastcollide::search {
 
@@ -94,6 +95,8 @@ class WordLists {
       blocks_.back().resize(std::min(largest, smallest << 2 * std::min<std::size_t>(block_, 8)));
     }
     Word* words = blocks_[block_].data()[chunk_++].words;
+    constexpr std::int64_t line_words = 64 / sizeof(Word);
+    for (std::int64_t k = line_words; k < chunk_words; k += line_words) fetch_to_write(words + k);
     chunks_.push_back({bucket, words});
     return words;
   }
