@@ -138,7 +138,7 @@ class CpuSearcher {
     return total;
   }
 
-  int search_slabs(const Problem<T>& problem) const { return slabs_.count(problem.spheres.count, 512, 8); }
+  int search_slabs(const Problem<T>& problem) const { return slabs_.count(problem.spheres.count, 512, 32); }
 
   int workers(const Problem<T>& problem) const { return std::min(backend_.threads(), search_slabs(problem)); }
 
@@ -316,11 +316,18 @@ class CpuSearcher {
     std::array<int, block> cell_x, cell_y, cell_z;
     for (; begin < end; begin += block) {
       const std::int64_t count = std::min(block, end - begin);
-      for (std::int64_t i = 0; i < count; ++i) {
-        const Point<T> p = spheres.position(begin + i);
-        x[i] = p.x;
-        y[i] = p.y;
-        z[i] = p.z;
+      const auto load = [&](std::int64_t step, std::int64_t component) {
+        const T* p = spheres.positions + begin * step;
+        for (std::int64_t i = 0; i < count; ++i) {
+          x[i] = p[i * step];
+          y[i] = p[i * step + component];
+          z[i] = p[i * step + 2 * component];
+        }
+      };
+      if (spheres.position_step == 3 && spheres.component_step == 1) {
+        load(3, 1);
+      } else {
+        load(spheres.position_step, spheres.component_step);
       }
       const auto find_cells = [count](const CellAxis<T>& axis, const auto& places, auto& numbers) {
         if (axis.goes_round) {
