@@ -50,7 +50,9 @@ def is_number_on_host(value: Any) -> bool:
         return False
     if kind_of(value) == "torch":
         return value.device.type == "cpu"
-    return not hasattr(value, "__cuda_array_interface__") and getattr(value, "__dlpack_device__", lambda: (1,))()[0] == 1
+    if hasattr(value, "__cuda_array_interface__"):
+        return False
+    return not hasattr(value, "__dlpack_device__") or value.__dlpack_device__()[0] == 1
 
 
 def array_in(field: str, value: Any, columns: int, host_dtype: DTypeLike | None = None) -> ArrayIn:

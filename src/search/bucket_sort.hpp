@@ -63,8 +63,8 @@ class BucketSort {
       for (std::int64_t bucket = begin; bucket < end; ++bucket) {
         const std::int64_t first = starts_[static_cast<std::size_t>(bucket)],
                            last = starts_[static_cast<std::size_t>(bucket) + 1];
-        finish(bucket << buckets.shift, std::min((bucket + 1) << buckets.shift, key_count), first,
-               entries + first, entries + last);
+        finish(bucket << buckets.shift, std::min((bucket + 1) << buckets.shift, key_count), first, entries + first,
+               entries + last);
       }
     });
   }

@@ -80,7 +80,8 @@ class ContactEngineOn final : public ContactEngine {
       auto problem = prepare<T>(input);
       const std::int64_t rows = input.spheres.positions.rows;
       Buffer<std::int64_t>* offsets = &totals_.take(rows + 1);
-      Buffer<std::int32_t>* columns = find(problem, sources, Rows::both, rows, offsets->data(), false, input.options).columns;
+      Buffer<std::int32_t>* columns =
+          find(problem, sources, Rows::both, rows, offsets->data(), false, input.options).columns;
       Buffer<T>* distances = nullptr;
       const std::int64_t shortened =
           list.most_neighbors == std::numeric_limits<std::int64_t>::max()
@@ -220,8 +221,8 @@ class ContactEngineOn final : public ContactEngine {
 
   // offsets: of the rows, one more than rows; or null, where nobody needs them.
   template <class T>
-  Found find(Prepared<T>& prepared, Sources<T>& sources, Rows rows, std::int64_t row_count,
-             std::int64_t* offsets, bool with_row_of_each, const SearchOptions& options) {
+  Found find(Prepared<T>& prepared, Sources<T>& sources, Rows rows, std::int64_t row_count, std::int64_t* offsets,
+             bool with_row_of_each, const SearchOptions& options) {
     Found found{};
     const auto allocate = [&](std::int64_t total) {
       found.columns = &indices_.take(total);

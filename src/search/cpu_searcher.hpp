@@ -129,10 +129,7 @@ class CpuSearcher {
     slabs_.run(slabs_.count(buckets.count, 4, 4), buckets.count, [&](int, std::int64_t begin, std::int64_t end) {
       BucketSpace<Word> space(backend_);
       for (std::int64_t bucket = begin; bucket < end; ++bucket) {
-        const std::int64_t first = places_[static_cast<std::size_t>(bucket)],
-                           words = places_[static_cast<std::size_t>(bucket) + 1] - first;
-        lay_out_rows<Word>(bucket << buckets.shift, std::min((bucket + 1) << buckets.shift, problem.spheres.count),
-                           first, words, format.column_bits, lists, bucket, space, offsets, columns);
+        lay_out_rows<Word>(bucket, problem.spheres.count, format, lists, space, offsets, columns);
       }
     });
     if (offsets != nullptr) offsets[0] = 0;
@@ -359,9 +356,13 @@ class CpuSearcher {
   // Puts the words of a bucket in order: the offsets of its rows, if wanted, and what each word says.
   // Not inline: within the function that runs slabs, GCC 12 keeps fewer of its pointers in registers (5 % of a search).
   template <class Word>
-  [[gnu::noinline]] void lay_out_rows(std::int64_t first_row, std::int64_t end_row, std::int64_t place, std::int64_t words,
-                    int column_bits, std::span<const WordLists<Word>> lists, std::int64_t bucket, BucketSpace<Word>& space,
-                    std::int64_t* offsets, const Columns& to) const {
+  [[gnu::noinline]] void lay_out_rows(std::int64_t bucket, std::int64_t row_count, const WordFormat& format,
+                                      std::span<const WordLists<Word>> lists, BucketSpace<Word>& space,
+                                      std::int64_t* offsets, const Columns& to) const {
+    const int shift = format.buckets.shift, column_bits = format.column_bits;
+    const std::int64_t first_row = bucket << shift, rows = std::min((bucket + 1) << shift, row_count) - first_row;
+    const std::int64_t place = places_[static_cast<std::size_t>(bucket)],
+                       words = places_[static_cast<std::size_t>(bucket) + 1] - place;
     // visit(words, ranks, count) for each chunk of words, and as many ranks.
     const auto visit_chunks = [&](const auto& visit) {
       Word* ranks = space.ranks.data();
@@ -372,9 +373,8 @@ class CpuSearcher {
         });
       }
     };
-    // Each word gets its rank in its row as the row is counted, and with it its place: counters that move on while words
-    // are placed would make each wait for the one before. Words of a bucket differ, so a word can count them.
-    const std::int64_t rows = end_row - first_row;
+    // Each word gets its rank in its row as the row is counted, and with it its place: counters that move on while
+    // words are placed would make each wait for the one before. Words of a bucket differ, so a word can count them.
     space.words.resize(words + sort_padding);
     space.ranks.resize(words);
     space.starts.resize(rows);

@@ -329,7 +329,7 @@ def test_neighbors_refuse_by_their_own_names(change, message, field):
 
 @pytest.mark.parametrize("threads", [-1, 2.5, "all", 10**12])
 def test_a_wrong_number_of_threads_is_refused(threads):
-    with pytest.raises(fc.InvalidValue, match="threads: found .*; allowed: ") as caught:
+    with pytest.raises(fc.InvalidValue, match=r"threads: found .*; allowed: ") as caught:
         fc.ContactFinder(threads)
     assert caught.value.field == "threads"
 
