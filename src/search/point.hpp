@@ -22,7 +22,7 @@ FC_HOST_DEVICE inline void fetch_ahead([[maybe_unused]] const void* place) {
 }
 // The same for memory that will be written: the line need not be waited for when a store has come.
 inline void fetch_to_write([[maybe_unused]] const void* place) {
-#if defined(__GNUC__)
+#if !defined(__CUDA_ARCH__) && defined(__GNUC__)
   __builtin_prefetch(place, 1);
 #endif
 }
