@@ -192,8 +192,9 @@ __global__ void __launch_bounds__(cluster_run_threads, 1)
 #endif
 }
 
-// Asks only whether such a cluster can be started.
-inline __global__ void __launch_bounds__(cluster_run_threads, 1) probe_cluster() {}
+// Only to ask whether a cluster can be started.
+template <int threads>
+__global__ void __launch_bounds__(threads, 1) probe_cluster() {}
 
 template <>
 struct SmallRunner<CudaBackend> {
@@ -206,7 +207,8 @@ struct SmallRunner<CudaBackend> {
     };
     if (attribute(cudaDevAttrComputeCapabilityMajor) < 9) return;
     block_bytes = static_cast<std::size_t>(attribute(cudaDevAttrMaxSharedMemoryPerBlockOptin)) - 64;  // for barriers
-    for (most_blocks = 16; most_blocks >= 4 && !can_start(probe_cluster, most_blocks); most_blocks /= 2) {
+    for (most_blocks = 16; most_blocks >= 4 && !can_start(probe_cluster<cluster_run_threads>, most_blocks);
+         most_blocks /= 2) {
     }
   }
 
