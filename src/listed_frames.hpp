@@ -8,7 +8,7 @@
 #include "contact_memory.hpp"
 #include "grid_shape.hpp"
 #include "host_run.hpp"
-#include "listed_step.hpp"
+#include "list_recorder.hpp"
 #include "slot_buffers.hpp"
 
 namespace fastcollide {
@@ -85,7 +85,7 @@ class ListedFrames {
           break;
       }
     }
-    HostRun<B> run(backend_, timer);
+    ListedRun<B> run(backend_, timer, recorder_);
     program(run);
   }
 
@@ -125,6 +125,7 @@ class ListedFrames {
     device_control_.resize(1);
     list_counts_.resize(count * lanes_);
     list_entries_.resize(list_places(count));
+    recorder_.resize(count);
     count_ = count;
   }
 
@@ -172,6 +173,7 @@ class ListedFrames {
   std::uint32_t lanes_ = 0, capacity_ = 0, queue_places_ = 0;
   ListControl control_{};  // as the device left it
   typename B::template Buffer<ListControl> device_control_{backend_};
+  ListRecorder<B> recorder_{backend_};
   SlotStateBuffers<B> state_{backend_}, other_state_{backend_};
   SlotConstantBuffers<B> constants_{backend_}, other_constants_{backend_};
   typename B::template Buffer<Vec4> built_{backend_};
