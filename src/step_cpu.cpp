@@ -1,7 +1,7 @@
 // The engine, the renderer and the random start on CPU threads.
 #include "backend/cpu.hpp"
+#include "cpu/listed_stages.hpp"
 #include "engine.hpp"
-#include "list_recorder_cpu.hpp"
 #include "render/render_engine.hpp"
 
 namespace fastcollide {

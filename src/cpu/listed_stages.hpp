@@ -1,19 +1,21 @@
-// The lists of all spheres on a CPU, by the search that find_contacts() has for its caches and vector units: it finds
-// each pair once, and both spheres get an entry.
+// The stages of listed_step.hpp that a CPU runs in its own way, with vector units.
 #pragma once
 
-#include "backend/cpu.hpp"
-#include "list_recorder.hpp"
-#include "search/slot_search.hpp"
-#include "stages/measure.hpp"
+#include "../backend/cpu.hpp"
+#include "../listed_stages.hpp"
+#include "../search/slot_search.hpp"
+#include "../stages/measure.hpp"
+#include "gather_blocks.hpp"
 
 namespace fastcollide {
 
 template <>
-class ListRecorder<CpuBackend> {
+class ListedStages<CpuBackend> {
  public:
-  explicit ListRecorder(CpuBackend& backend)
-      : backend_(backend), search_slots_(search::search_slots<float>(search::best_simd())) {}
+  explicit ListedStages(CpuBackend& backend)
+      : backend_(backend),
+        search_slots_(search::search_slots<float>(search::best_simd())),
+        functions_(block_functions(search::best_simd())) {}
 
   void resize(std::int64_t count) {
     stride_ = count + search::slot_padding;
@@ -21,16 +23,29 @@ class ListRecorder<CpuBackend> {
     slots_.resize(stride_);
   }
 
+  // By the search that find_contacts() has: it finds each pair once, and both spheres get an entry.
   template <class Run>
-  void record(Run& run, ListedWorld& world) {
+  void record_lists(Run& run, ListedWorld& world) {
     const std::int64_t count = world.count;
     const float largest = backend_.transform_reduce(count, SizeInSkin{world}, 0.0f, Larger{});
     const search::SlotSearch<float> input = search_input(world, largest);
     if (meets_twice(input)) return run.for_each(Stage::make_lists, count, record_lists_of(world));
     run.for_each(Stage::make_lists, count, Begin{world, numbers_.data(), slots_.data(), stride_});
-    const Parts parts{0, std::clamp<std::int64_t>(count / 256, 1, 64)};
-    run.for_each_of_group(Stage::make_lists, parts, Search{input, search_slots_, world, parts.count});
+    const Parts parts(count);
+    run.for_each_of_group(Stage::make_lists, parts, Search{input, search_slots_, world, parts});
     run.for_each(Stage::make_lists, count, End{world.lists});
+  }
+
+  template <class Run, class Pass>
+  void pass_contacts(Run& run, Stage stage, std::int64_t count, const Pass& pass) {
+    run.for_each(stage, count, pass);
+  }
+  template <class Run>
+  void pass_contacts(Run& run, Stage stage, std::int64_t count, const GatherContacts<ListedNeighbors, ToSlots>& pass) {
+    if (!functions_) return run.for_each(stage, count, pass);
+    const Parts parts(count);
+    const GatherBlocks<ToSlots> gather{pass, *functions_};
+    run.for_each_of_group(stage, parts, [&](std::int64_t part) { gather(parts.begin(part), parts.begin(part + 1)); });
   }
 
  private:
@@ -58,20 +73,24 @@ class ListRecorder<CpuBackend> {
     }
   };
 
+  // Slots cut into parts, as a group of things that are worth a slab each: of more than one lane.
   struct Parts {
-    std::int64_t first, count;
-    static constexpr int lanes = 8;  // more than one: each is worth a slab of its own
+    explicit Parts(std::int64_t slots) : count(std::clamp<std::int64_t>(slots / 256, 1, 64)), slots(slots) {}
+    std::int64_t begin(std::int64_t part) const { return slots * part / count; }
+
+    static constexpr std::int64_t first = 0;
+    static constexpr int lanes = 8;
+    std::int64_t count, slots;
   };
 
   struct Search {
     const search::SlotSearch<float>& input;
     search::SearchSlots<float> search_slots;
     const ListedWorld& world;
-    std::int64_t parts;
+    Parts parts;
 
     void operator()(std::int64_t part) const {
-      const std::int64_t count = world.count;
-      search_slots(input, count * part / parts, count * (part + 1) / parts, {const_cast<Search*>(this), take});
+      search_slots(input, parts.begin(part), parts.begin(part + 1), {const_cast<Search*>(this), take});
     }
     static void take(void* context, std::int64_t hits, const std::uint32_t* searchers, const std::uint32_t* found) {
       const auto& self = *static_cast<const Search*>(context);
@@ -140,6 +159,7 @@ class ListRecorder<CpuBackend> {
 
   CpuBackend& backend_;
   search::SearchSlots<float> search_slots_;
+  std::optional<BlockFunctions> functions_;
   std::int64_t stride_ = 0;
   CpuBackend::Buffer<float> numbers_{backend_};
   CpuBackend::Buffer<std::uint32_t> slots_{backend_};
