@@ -1,3 +1,4 @@
+// For AVX2 and AVX-512; the terms in a loop that compilers turn into vector instructions.
 #include "contact_block.hpp"
 
 #include "../backend/lane_table.hpp"
@@ -10,7 +11,7 @@ namespace {
 
 #define FC_TARGET __attribute__((target("avx2,bmi,popcnt")))
 
-// A loop that compilers turn into vector instructions, inlined into functions for different ones.
+// Inlined into functions for different instructions.
 [[gnu::always_inline]] inline void find_all(const Substep& law, Vec3 period, bool is_rough, int count,
                                             ContactBlock& block) {
   const Substep substep = law;  // nothing that is written may change it
