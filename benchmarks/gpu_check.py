@@ -26,6 +26,8 @@ SANITIZED = [
     (3_000, "rough", "list"),
     (3_000, "rough", "frame"),
     (3_000, "mixed", "levels"),
+    (1_000, "reference", "small"),
+    (1_000, "smooth", "small"),
     (150_000, "smooth", "frame"),
 ]
 
@@ -68,6 +70,8 @@ def compare(program: str) -> tuple[list[dict[str, object]], bool]:
         ways = [("list", 128), ("frame", 128), ("levels", 128), ("cells", 32), ("cells", 128), ("cells", 512)]
         if solver == "mixed":
             ways = [("levels", 128), ("cells", 128)]  # lists would take minutes
+        if particles <= 1_500 and solver != "rough":
+            ways.append(("small", 128))
         for method, block_size in ways:
             found = run_scene(program, particles, frames, "cuda", solver, block_size, method)
             rows.append(found)

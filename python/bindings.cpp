@@ -89,7 +89,9 @@ fastcollide::Method method_of(const std::string& name) {
   if (name == "list") return fastcollide::Method::list;
   if (name == "frame") return fastcollide::Method::frame;
   if (name == "levels") return fastcollide::Method::levels;
-  throw fastcollide::InvalidValue("method", -1, '"' + name + '"', R"("auto", "cells", "list", "frame" or "levels")");
+  if (name == "small") return fastcollide::Method::small;
+  throw fastcollide::InvalidValue("method", -1, '"' + name + '"',
+                                  R"("auto", "cells", "list", "frame", "levels" or "small")");
 }
 
 // A call that waits for its turn while it holds the interpreter would stop the one that is stepping: all let go of it.

@@ -15,6 +15,7 @@
 #include "grid_shape.hpp"
 #include "level_runs.hpp"
 #include "listed_frames.hpp"
+#include "small_runs.hpp"
 #include "stages/check_state.hpp"
 #include "stages/measure_contacts.hpp"
 #include "stages/random_start.hpp"
@@ -429,6 +430,10 @@ class EngineOn final : public Engine {
 
   Watch try_frames(std::int64_t frames, FrameParameters parameters, bool may_have_changed) {
     are_lists_behind_ = are_lists_behind_ || may_have_changed;
+    if (is_small(parameters)) {
+      are_lists_behind_ = true;
+      return small_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), timer);
+    }
     if (sorts_by_levels()) {
       are_lists_behind_ = true;
       return level_runs_.run(parameters, frames, levels_, radii_, body_arrays(), count(), memory_, timer);
@@ -461,6 +466,18 @@ class EngineOn final : public Engine {
     backend_.copy_to_host(&watch, static_cast<const Watch*>(scratch_.watch.data()), 1);
     if (watch.first_fault != no_fault) restore_state();
     return watch;
+  }
+
+  bool is_small(const FrameParameters& parameters) {
+    const bool is_asked_for = options_.method == Method::small;
+    if (!is_asked_for && (options_.method != Method::automatic || !small_runs_.pays(count()))) return false;
+    if (small_runs_.has_room(parameters, body_arrays(), count())) return true;
+    if (!is_asked_for) return false;
+    throw InvalidValue(
+        "method", -1,
+        "\"small\" for " + std::to_string(count()) + " spheres" + (bodies_.is_rough ? " with friction or spin" : ""),
+        "smooth spheres, as many as fit into the shared memory of a multiprocessor of compute "
+        "capability 9.0 or above, on a CPU at most 4,096");
   }
 
   bool sorts_by_levels() const {
@@ -518,6 +535,7 @@ class EngineOn final : public Engine {
   ContactScratch<B> contact_scratch_{backend_};
   FrameRuns<B> frame_runs_{backend_};
   LevelRuns<B> level_runs_{backend_};
+  SmallRuns<B> small_runs_{backend_};
   ListedFrames<B> listed_{backend_};
   ContactMemory<B> memory_{backend_};
   // Before unchecked frames:

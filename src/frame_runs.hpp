@@ -36,8 +36,10 @@ class FrameRuns {
     const float reach = is_substep ? frame.substep.law.opening_margin : 0.0f;
     const float passes = is_substep ? static_cast<float>(frame.iterations) : 1.0f;
     world.skin = {skin_time * passes * frame.substep.flight.dt,
-                  (count <= few ? thinnest_of_few : thinnest_of_many) * largest_radius,
-                  (count <= few ? thickest_of_few : thickest_of_many) * largest_radius, reach, largest_radius};
+                  (are_few(count) ? thinnest_of_few : thinnest_of_many) * largest_radius,
+                  (are_few(count) ? thickest_of_few : thickest_of_many) * largest_radius, reach, largest_radius};
+    const auto samples = are_few(count) ? 0 : static_cast<std::uint32_t>(std::min(count, most_drift_samples));
+    if (samples > 0) world.drift = {samples, static_cast<std::uint32_t>(count / samples)};
     world.strays.coarse = choose_grid_shape(frame.substep.box, 2.0f * largest_radius, 0.0f, 1, 0.0f);
     world.strays.passes = static_cast<std::uint32_t>(frame.iterations);
     choose_lanes(count);
@@ -72,7 +74,7 @@ class FrameRuns {
     const auto cells = [&](double width) {
       return choose_grid_shape(box, static_cast<float>(0.5 * width * edge), 0.0f, 16 * count, 0.0f);
     };
-    const GridShape narrow = cells(narrow_edge), wide = cells(wide_edge);
+    const GridShape narrow = cells(are_few(count) ? narrow_edge_of_few : narrow_edge_of_many), wide = cells(wide_edge);
     return {narrow.x, wide.y, wide.z};
   }
 
@@ -83,12 +85,15 @@ class FrameRuns {
   static constexpr float thinnest_of_few = 0.25f, thickest_of_few = 0.75f, thinnest_of_many = 0.15f,
                          thickest_of_many = 0.5f;
   static constexpr std::int64_t few = 131072;
+  static bool are_few(std::int64_t count) { return B::has_whole_grid && count <= few; }
   // Of cells, in the largest radius.
-  static constexpr double narrow_edge = 1.0, wide_edge = 2.25;
+  static constexpr double narrow_edge_of_few = 1.0, narrow_edge_of_many = 0.5, wide_edge = 2.25;
+  static constexpr std::int64_t most_drift_samples = 1024;
 
   FrameControl run_once(const FrameWorld& world, std::int64_t frames, StageTimer& timer) {
     FrameControl control{};
     control.frame = ~std::uint32_t(0);
+    if (world.drift.samples > 0) control.next_drift = drift_;
     backend_.copy_to_device(control_.data(), &control, 1);
     for (auto* heads : {&stray_heads_[0], &stray_heads_[1]}) backend_.fill_zero(heads->data(), heads->size());
     FrameWorld running = world;
@@ -105,6 +110,7 @@ class FrameRuns {
     // Which of the two copies holds what.
     if (running.constants.ids != world.constants.ids) std::swap(constants_, other_constants_);
     backend_.copy_to_host(&control, std::as_const(control_).data(), 1);
+    drift_ = control.next_drift;
     return control;
   }
 
@@ -232,6 +238,7 @@ class FrameRuns {
   FrameRunner<B> runner_;
   std::int64_t count_ = 0;
   std::int64_t last_stray_records_ = 0;
+  Vec3 drift_{0, 0, 0};              // mean velocity of the last frame [m/s]
   std::int64_t crowded_count_ = -1;  // of the spheres that lists could not keep
   std::uint32_t lane_bits_ = 0, stray_places_ = 0;
   std::uint32_t rows_ = 0, needed_rows_ = 0;  // of the lists; without which frames cannot be run

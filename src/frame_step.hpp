@@ -10,6 +10,7 @@
 #include "stage_timer.hpp"
 #include "stages/apply_contacts.hpp"
 #include "stages/gather_contacts.hpp"
+#include "stages/known_world.hpp"
 #include "stages/sort_frame_slots.hpp"
 
 namespace fastcollide {
@@ -29,6 +30,7 @@ struct FrameWorld {
   FrameLists lists;
   Strays strays, other_strays;  // of the passes with an even and an odd number
   SkinLaw skin;
+  Drift drift;
   Vec3* velocity_change;
   Vec3* turn;  // or null
   std::uint32_t* pick;
@@ -42,11 +44,16 @@ struct FrameWorld {
     found.pass = pass;
     return found;
   }
+  // Of the lists, after some passes; the reference solver does not fly between them.
+  float age_after(std::uint32_t passes) const {
+    const bool moves_skins = drift.samples > 0 && frame.solver == Solver::substep;
+    return moves_skins ? frame.substep.flight.dt * static_cast<float>(passes) : 0.0f;
+  }
   FrameListNeighbors neighbors(std::uint32_t pass) const {
-    return {sorted(), lists, strays_of(pass == 0 ? 0 : pass - 1), pass == 0};
+    return {sorted(), lists, strays_of(pass == 0 ? 0 : pass - 1), pass == 0, age_after(pass)};
   }
   ToFrameSlots to_slots(std::uint32_t pass) const {
-    return {other_state, period_of(frame.substep.box), sorted(), strays_of(pass)};
+    return {other_state, period_of(frame.substep.box), sorted(), strays_of(pass), age_after(pass + 1)};
   }
   ToNextFrame to_next_frame(bool is_last) const {
     const Substep& step = frame.substep;
@@ -60,8 +67,7 @@ struct FrameWorld {
   void swap_state() { std::swap(state, other_state); }
 };
 
-// A pass in a frame whose number only the device knows. Where a compiler is told what a world does not have, it leaves
-// out all that belongs to it.
+// A pass in a frame whose number only the device knows.
 template <class Pass, bool is_rough, bool has_walls>
 struct FramePass {
   static constexpr bool has_friction = is_rough;
@@ -69,26 +75,17 @@ struct FramePass {
   const FrameControl* control;
 
   FC_HOST_DEVICE Pass now() const {
-    Pass here = pass;
-    if constexpr (!is_rough) {
-      here.grid.spins = nullptr;
-      here.grid.frictions = nullptr;
-      here.output.to.spins = nullptr;
-      if constexpr (requires { here.turn; }) here.turn = nullptr;
-      if constexpr (requires { here.cleared; }) here.cleared.rows = nullptr;
-    }
-    if constexpr (has_walls) {
-      here.grid.period = {0, 0, 0};
-      here.output.assume_walls();
-      if constexpr (requires { here.neighbors; }) here.neighbors.assume_walls();
-    }
+    Pass here = in_known_world<is_rough, has_walls>(pass);
     if constexpr (requires { here.substep; }) {
       here.substep.frame = control->frame;
-      if constexpr (has_walls) assume_walls(here.substep.box);
     } else {
       here.frame = control->frame;
-      if constexpr (has_walls) assume_walls(here.box);
     }
+    return here;
+  }
+  FC_HOST_DEVICE Pass at(std::int64_t slot) const {
+    Pass here = now();
+    if constexpr (requires { here.output.begin(slot); }) here.output.begin(slot);
     return here;
   }
 };
@@ -99,13 +96,13 @@ struct SharedFramePass : FramePass<Pass, is_rough, has_walls> {
   using Sum = typename Pass::Sum;
 
   FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const { return this->now().gather(slot, lane); }
-  FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const { this->now().finish(slot, sum); }
+  FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const { this->at(slot).finish(slot, sum); }
   FC_HOST_DEVICE void operator()(std::int64_t slot) const { run_alone(*this, slot); }
 };
 
 template <class Pass, bool is_rough, bool has_walls>
 struct SingleFramePass : FramePass<Pass, is_rough, has_walls> {
-  FC_HOST_DEVICE void operator()(std::int64_t slot) const { this->now()(slot); }
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const { this->at(slot)(slot); }
 };
 
 template <bool is_shared, bool has_walls>
@@ -130,13 +127,15 @@ void make_frame_lists(Run& run, FrameWorld& world) {
                                  {world.state, world.other_state, world.constants, world.other_constants},
                                  world.built,
                                  world.lists.counts,
+                                 world.drift,
                                  world.control});
   world.swap_state();
   std::swap(world.constants, world.other_constants);
   const auto record = [&]<bool is_shared>() {
-    run.for_each(Stage::make_lists, world.count << world.lists.lane_bits,
-                 RecordListsOfFrame<is_shared, has_walls>{{world.sorted(), period_of(world.frame.substep.box),
-                                                           world.constants.masses, world.lists, world.control}});
+    run.for_each(
+        Stage::make_lists, world.count << world.lists.lane_bits,
+        RecordListsOfFrame<is_shared, has_walls>{{world.sorted(), period_of(world.frame.substep.box),
+                                                  world.constants.masses, world.lists, world.drift, world.control}});
   };
   if (world.lists.lane_bits > 0) {
     record.template operator()<true>();

@@ -1,4 +1,5 @@
 // The engine, the renderer and the random start on CUDA.
+#include "backend/cluster_run.cuh"
 #include "backend/cuda.cuh"
 #include "backend/graph_run.cuh"
 #include "engine.hpp"
@@ -9,6 +10,7 @@ namespace fastcollide {
 static_assert(Backend<CudaBackend>);
 extern template class FrameRuns<CudaBackend>;  // frame_runs_cuda.cu
 extern template class LevelRuns<CudaBackend>;  // level_runs_cuda.cu
+extern template class SmallRuns<CudaBackend>;  // small_runs_cuda.cu
 
 std::unique_ptr<Engine> make_cuda_engine(const WorldOptions& options, int device) {
   return std::make_unique<EngineOn<CudaBackend>>(options, CudaBackend(device, options.block_size));

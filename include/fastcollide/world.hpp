@@ -24,9 +24,9 @@ enum class Field : std::uint8_t;
 enum class Solver { substep, reference };
 
 // How neighbours are found; no result depends on it. cells: a grid for every pass; list: lists that are mended and hold
-// for many; frame: lists made for each frame; levels: a grid for each size of spheres, for every pass. automatic takes
-// levels where sizes differ much.
-enum class Method { automatic, cells, list, frame, levels };
+// for many; frame: lists made for each frame; levels: a grid for each size of spheres, for every pass; small: lists
+// over all pairs, for few spheres. automatic takes levels where sizes differ much.
+enum class Method { automatic, cells, list, frame, levels, small };
 
 struct WorldOptions {
   std::array<float, 3> lower{-10, -10, 0}, upper{10, 10, 20};  // the box [m]

@@ -44,6 +44,17 @@ def kind_of(value: Any) -> str:
     return {"numpy": "numpy", "torch": "torch", "cupy": "cupy", "jax": "jax", "jaxlib": "jax"}.get(root, "other")
 
 
+def is_number_on_host(value: Any) -> bool:
+    """An array of no dimensions that can be read without a copy from a GPU."""
+    if getattr(value, "shape", None) != ():
+        return False
+    if kind_of(value) == "torch":
+        return value.device.type == "cpu"
+    if hasattr(value, "__cuda_array_interface__"):
+        return False
+    return not hasattr(value, "__dlpack_device__") or value.__dlpack_device__()[0] == 1
+
+
 def array_in(field: str, value: Any, columns: int, host_dtype: DTypeLike | None = None) -> ArrayIn:
     """The array behind a value: shape (n, columns), or (n,) for columns = 0.
 
@@ -65,6 +76,8 @@ def _on_host(field: str, value: Any, dtype: DTypeLike | None) -> ArrayIn:
     kind = kind_of(value)
     if kind == "torch":
         value = value.detach()
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        raise InvalidValue(f"{field}: found an array with masked numbers; allowed: one without", field)
     try:
         if kind == "torch":
             array = value.numpy()

@@ -10,7 +10,7 @@ from fastcollide.parameters import Choice, DeviceName, FilePath, Kind, Real, Sev
 from fastcollide.settings import parameters_of
 
 PHYSICS = ("reference", "substep", "friction")
-METHODS = ("cells", "list", "frame", "levels")
+METHODS = ("cells", "list", "frame", "levels", "auto")
 SIZES, PEER_SIZES = (1_000, 5_000, 10_000, 20_000), (100_000, 1_000_000)
 
 
@@ -42,11 +42,12 @@ class BenchSettings:
         metadata=_about(Several(Choice(PHYSICS)), "Solvers; friction is substep with friction and spin."),
     )
     method: tuple[str, ...] = field(
-        default=METHODS[:3],  # levels are for sizes far apart, which the report's scene does not have
+        # Levels are for sizes far apart, which the report's scene does not have.
+        default=("cells", "list", "frame", "auto"),
         metadata=_about(
             Several(Choice(METHODS)),
-            "How neighbours are found: a grid for every pass, lists that hold, lists made for each frame, or grids for "
-            "each size of spheres.",
+            "How neighbours are found: a grid for every pass, lists that hold, lists made for each frame, grids for each "
+            "size of spheres, or as a world does by itself.",
         ),
     )
     device: tuple[str, ...] | None = field(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from fastcollide import _core
-from fastcollide.arrays_in import ArrayIn, array_in, current_stream, like
+from fastcollide.arrays_in import ArrayIn, array_in, current_stream, is_number_on_host, like
 from fastcollide.errors import InvalidValue
 from fastcollide.spheres import Bounds, corners
 from fastcollide.uncompiled import uncompiled
@@ -73,11 +74,13 @@ class ContactFinder:
         skin: a length, for spheres that move little from call to call. 0 keeps no candidates.
 
     Raises:
-        InvalidValue: for a wrong skin.
+        InvalidValue: for a wrong number of threads or skin.
     """
 
     def __init__(self, threads: int | None = None, skin: float = 0.0) -> None:
-        self._finder = _core.ContactFinder(threads or 0, _number("skin", skin))
+        self._finder = _core.ContactFinder(
+            0 if threads is None else _whole("threads", threads, 2**31 - 1), _number("skin", skin)
+        )
 
     @property
     def reuses(self) -> int:
@@ -139,7 +142,7 @@ class ContactFinder:
             if value not in allowed:
                 raise InvalidValue(f"{field}: found {value!r}; allowed: {' or '.join(map(repr, allowed))}", field)
         radius = _number("radius", radius)
-        if not radius > 0:
+        if not 0 < radius < float("inf"):
             raise InvalidValue(f"radius: found {radius:g}; allowed: a finite number above 0", "radius")
         if queries is None:
             search = _Search(points, "points", 0.0, "radius")
@@ -153,7 +156,7 @@ class ContactFinder:
                 distances is not None,
                 distances == "squared",
                 sort == "distance",
-                _NO_LIMIT if max_neighbors is None else max_neighbors,
+                _NO_LIMIT if max_neighbors is None else _whole("max_neighbors", max_neighbors),
             )
         except InvalidValue as error:
             raise _renamed(error, queries is not None) from None
@@ -298,7 +301,7 @@ class _Search:
         if bounds is None and "periodic" in names:
             raise InvalidValue("bounds: found None; allowed: two corners, where an axis is periodic", "bounds")
         lower, upper = corners(bounds) if bounds is not None else ([0.0] * 3, [0.0] * 3)
-        limit = _NO_LIMIT if max_contacts is None else max_contacts
+        limit = _NO_LIMIT if max_contacts is None else _whole("max_contacts", max_contacts)
         options = (
             _number("margin", margin), is_inclusive, tuple(names), lower, upper, limit, current_stream(self.model)
         )  # fmt: skip
@@ -308,7 +311,7 @@ class _Search:
 def _set_of(positions: Any, field: str, radii: Any, radii_field: str) -> tuple[ArrayIn, Any, list[Any]]:
     """Positions, radii as the engine takes them, and what must be held until it has read them."""
     array = array_in(field, positions, 3)
-    if np.isscalar(radii):
+    if np.isscalar(radii) or is_number_on_host(radii):
         return array, (None, _number(radii_field, radii)), [array]
     radius = array_in(radii_field, radii, 0, array.dtype if array.device < 0 else None)
     if array.device < 0 and radius.device < 0 and radius.dtype != array.dtype:
@@ -318,9 +321,19 @@ def _set_of(positions: Any, field: str, radii: Any, radii_field: str) -> tuple[A
 
 def _number(field: str, value: Any) -> float:
     try:
-        return float(value)
-    except (TypeError, ValueError):
+        return float(value.detach() if hasattr(value, "detach") else value)
+    except (TypeError, ValueError, RuntimeError):
         raise InvalidValue(f"{field}: found {value!r}; allowed: a number", field) from None
+
+
+def _whole(field: str, value: Any, most: int = _NO_LIMIT) -> int:
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = -1
+    if not 0 <= number <= most:
+        raise InvalidValue(f"{field}: found {value!r}; allowed: a whole number from 0 to {most}", field)
+    return number
 
 
 def _neighbors(model: ArrayIn, found: tuple[Any, Any, Any, int]) -> Neighbors:

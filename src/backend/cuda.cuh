@@ -167,21 +167,26 @@ class CudaBackend {
       block_totals_ = allocate_on_device(device_, std::size_t(multiprocessors) * 32 * sizeof(std::uint32_t));
     }
     std::uint32_t* block_totals = static_cast<std::uint32_t*>(block_totals_.get());
-    std::uint64_t* ticks = nullptr;
-    const auto start = std::chrono::steady_clock::now();
-    if (timer.enabled) {
-      if (ticks_ == nullptr) ticks_ = allocate_on_device(device_, stage_names.size() * sizeof(std::uint64_t));
-      ticks = static_cast<std::uint64_t*>(ticks_.get());
-      fill_zero(ticks, stage_names.size());
-    }
-    void* arguments[] = {const_cast<Program*>(&program), &block_totals, &ticks};
-    check(cudaLaunchCooperativeKernel(reinterpret_cast<const void*>(kernel), static_cast<unsigned>(blocks),
-                                      grid_run_threads, arguments, 0, stream_.get()),
-          "cooperative launch");
-    if (!timer.enabled) return;
+    time_ticks(timer, [&](std::uint64_t* ticks) {
+      void* arguments[] = {const_cast<Program*>(&program), &block_totals, &ticks};
+      check(cudaLaunchCooperativeKernel(reinterpret_cast<const void*>(kernel), static_cast<unsigned>(blocks),
+                                        grid_run_threads, arguments, 0, stream_.get()),
+            "cooperative launch");
+    });
+  }
+
+  // start(ticks) starts a kernel that runs all stages and, where the timer asks, adds up the ticks of each.
+  template <class Start>
+  void time_ticks(StageTimer& timer, const Start& start) {
+    if (!timer.enabled) return start(nullptr);
+    if (ticks_ == nullptr) ticks_ = allocate_on_device(device_, stage_names.size() * sizeof(std::uint64_t));
+    auto* ticks = static_cast<std::uint64_t*>(ticks_.get());
+    fill_zero(ticks, stage_names.size());
+    const auto begin = std::chrono::steady_clock::now();
+    start(ticks);
     std::array<std::uint64_t, stage_names.size()> shares{};
     copy_to_host(shares.data(), static_cast<const std::uint64_t*>(ticks), shares.size());
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     const auto all = static_cast<double>(std::accumulate(shares.begin(), shares.end(), std::uint64_t(1)));
     for (std::size_t i = 0; i < shares.size(); ++i) {
       timer.add(static_cast<Stage>(i), seconds * static_cast<double>(shares[i]) / all);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <bit>
+#include <cstddef>
 
 #include "../backend/cpu.hpp"
 #include "slabs.hpp"
@@ -25,20 +26,21 @@ struct Buckets {
   }
 };
 
-template <class Entry>
 class BucketSort {
  public:
-  explicit BucketSort(CpuBackend& backend) : entries_(backend) {}
+  explicit BucketSort(CpuBackend& backend) : memory_(backend) {}
 
   // count_part(slab, counts) adds the entries of a slab to those of each bucket; move_part(slab, next, entries) writes
   // each entry to the next place of its bucket, which moves on; finish(first_key, end_key, first_place, begin, end)
   // gets the entries of each bucket, in the order of the slabs, with the place of the first among all.
-  template <class CountPart, class MovePart, class Finish>
+  template <class Entry, class CountPart, class MovePart, class Finish>
   void sort(const Slabs& slabs, const Buckets& buckets, std::int64_t key_count, int parts, std::int64_t count,
             const CountPart& count_part, const MovePart& move_part, const Finish& finish) {
     const auto bucket_count = static_cast<std::size_t>(buckets.count);
     places_.assign(static_cast<std::size_t>(parts) * bucket_count, 0);
-    entries_.resize(count);
+    static_assert(std::is_trivially_copyable_v<Entry> && alignof(Entry) <= alignof(std::max_align_t));
+    memory_.resize(count * static_cast<std::int64_t>(sizeof(Entry)));
+    auto* entries = reinterpret_cast<Entry*>(memory_.data());
     slabs.run(parts, parts, [&](int slab, std::int64_t, std::int64_t) {
       count_part(slab, places_.data() + static_cast<std::size_t>(slab) * bucket_count);
     });
@@ -55,21 +57,21 @@ class BucketSort {
     }
     starts_[bucket_count] = place;
     slabs.run(parts, parts, [&](int slab, std::int64_t, std::int64_t) {
-      move_part(slab, places_.data() + static_cast<std::size_t>(slab) * bucket_count, entries_.data());
+      move_part(slab, places_.data() + static_cast<std::size_t>(slab) * bucket_count, entries);
     });
     slabs.run(slabs.count(buckets.count, 4, 4), buckets.count, [&](int, std::int64_t begin, std::int64_t end) {
       for (std::int64_t bucket = begin; bucket < end; ++bucket) {
         const std::int64_t first = starts_[static_cast<std::size_t>(bucket)],
                            last = starts_[static_cast<std::size_t>(bucket) + 1];
-        finish(bucket << buckets.shift, std::min((bucket + 1) << buckets.shift, key_count), first,
-               entries_.data() + first, entries_.data() + last);
+        finish(bucket << buckets.shift, std::min((bucket + 1) << buckets.shift, key_count), first, entries + first,
+               entries + last);
       }
     });
   }
 
  private:
   std::vector<std::int64_t> places_, starts_;
-  CpuBackend::Buffer<Entry> entries_;
+  CpuBackend::Buffer<std::byte> memory_;  // of entries of any type
 };
 
 }  // namespace fastcollide::search

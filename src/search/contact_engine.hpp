@@ -57,8 +57,12 @@ class ContactEngineOn final : public ContactEngine {
       const Turn turn(backend_, input.options.cuda_stream);
       auto problem = prepare<T>(input);
       const std::int64_t rows = input.spheres.positions.rows;
-      offsets_.resize(rows + 1);
-      const auto [second, first] = find(problem, sources, Rows::once, rows, offsets_, true, input.options);
+      std::int64_t* offsets = nullptr;
+      if (skin_ > 0 || Searcher<T>::needs_offsets) {
+        offsets_.resize(rows + 1);
+        offsets = offsets_.data();
+      }
+      const auto [second, first] = find(problem, sources, Rows::once, rows, offsets, true, input.options);
       if (!is_measured) return ContactList{view(*first, 0), view(*second, 0), {}, {}};
       const std::int64_t total = first->size();
       Buffer<T>& gap = sources.reals.take(total);
@@ -76,7 +80,8 @@ class ContactEngineOn final : public ContactEngine {
       auto problem = prepare<T>(input);
       const std::int64_t rows = input.spheres.positions.rows;
       Buffer<std::int64_t>* offsets = &totals_.take(rows + 1);
-      Buffer<std::int32_t>* columns = find(problem, sources, Rows::both, rows, *offsets, false, input.options).columns;
+      Buffer<std::int32_t>* columns =
+          find(problem, sources, Rows::both, rows, offsets->data(), false, input.options).columns;
       Buffer<T>* distances = nullptr;
       const std::int64_t shortened =
           list.most_neighbors == std::numeric_limits<std::int64_t>::max()
@@ -214,10 +219,10 @@ class ContactEngineOn final : public ContactEngine {
     Buffer<std::int32_t>*columns, *row_of_each;
   };
 
-  // offsets: of the rows, one more than rows.
+  // offsets: of the rows, one more than rows; or null, where nobody needs them.
   template <class T>
-  Found find(Prepared<T>& prepared, Sources<T>& sources, Rows rows, std::int64_t row_count,
-             Buffer<std::int64_t>& offsets, bool with_row_of_each, const SearchOptions& options) {
+  Found find(Prepared<T>& prepared, Sources<T>& sources, Rows rows, std::int64_t row_count, std::int64_t* offsets,
+             bool with_row_of_each, const SearchOptions& options) {
     Found found{};
     const auto allocate = [&](std::int64_t total) {
       found.columns = &indices_.take(total);
@@ -226,7 +231,7 @@ class ContactEngineOn final : public ContactEngine {
       return Columns{found.columns->data(), with_row_of_each ? found.row_of_each->data() : nullptr};
     };
     if (prepared.is_empty) {
-      backend_.fill_zero(offsets.data(), row_count + 1);
+      if (offsets != nullptr) backend_.fill_zero(offsets, row_count + 1);
       allocate(0);
       return found;
     }
@@ -238,7 +243,7 @@ class ContactEngineOn final : public ContactEngine {
       refuse_beyond_memory<T>(total);
     };
     with_source(prepared, sources, rows, [&](auto& source) {
-      return source.find(prepared.problem, rows, offsets.data(), refuse_if_too_many, [&](std::int64_t total) {
+      return source.find(prepared.problem, rows, offsets, refuse_if_too_many, [&](std::int64_t total) {
         try {
           return allocate(total);
         } catch (const OutOfMemory& error) {  // which of a GPU's words says how many

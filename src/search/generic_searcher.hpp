@@ -155,6 +155,7 @@ class GenericSearcher {
  public:
   static constexpr CellEdges edges{1.0, 1.0};
   static constexpr std::int64_t group_size = 1;
+  static constexpr bool needs_offsets = true;  // of rows, to find their entries
 
   explicit GenericSearcher(B& backend) : backend_(backend) {}
 

@@ -20,6 +20,12 @@ FC_HOST_DEVICE inline void fetch_ahead([[maybe_unused]] const void* place) {
   __builtin_prefetch(place);
 #endif
 }
+// The same for memory that will be written: the line need not be waited for when a store has come.
+inline void fetch_to_write([[maybe_unused]] const void* place) {
+#if !defined(__CUDA_ARCH__) && defined(__GNUC__)
+  __builtin_prefetch(place, 1);
+#endif
+}
 inline constexpr std::int64_t far_ahead = 24;  // elements: about as many reads as a core has under way
 
 template <class T>

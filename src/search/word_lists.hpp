@@ -4,10 +4,10 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <cstring>
 #include <vector>
 
 #include "../backend/cpu.hpp"
+#include "point.hpp"
 
 namespace fastcollide::search {
 
@@ -25,12 +25,24 @@ class WordLists {
 
   void release() { *this = WordLists(*backend_); }
 
-  void add(std::int64_t bucket, Word word) {
-    Word*& end = ends_[static_cast<std::size_t>(bucket)];
-    // At the end of a chunk, which is where another could begin; or there is none yet.
-    if (reinterpret_cast<std::uintptr_t>(end) % sizeof(Chunk) == 0) [[unlikely]]
-      end = next_chunk(bucket);
-    *end++ = word;
+  struct Entry {
+    std::uint32_t bucket;
+    Word word;
+  };
+
+  // Adds entry(0) ... entry(count - 1).
+  template <class MakeEntry>
+  void add(std::int64_t count, const MakeEntry& entry) {
+    Word** const ends = ends_.data();
+    for (std::int64_t k = 0; k < count; ++k) {
+      const auto [bucket, word] = entry(k);
+      Word* end = ends[bucket];
+      // At the end of a chunk, which is where another could begin; or there is none yet.
+      if (reinterpret_cast<std::uintptr_t>(end) % sizeof(Chunk) == 0) [[unlikely]]
+        end = next_chunk(bucket);
+      *end = word;
+      ends[bucket] = end + 1;
+    }
   }
 
   // Sorts the chunks by bucket. Then:
@@ -51,15 +63,14 @@ class WordLists {
     return full + (ends_[b] - sorted_[starts_[b + 1] - 1]);
   }
 
-  // Returns where they end.
-  Word* copy(std::int64_t bucket, Word* to) const {
+  // visit(words, count) for each chunk.
+  template <class Visit>
+  void visit_words(std::int64_t bucket, const Visit& visit) const {
     const auto b = static_cast<std::size_t>(bucket);
     for (std::uint32_t k = starts_[b]; k < starts_[b + 1]; ++k) {
-      const std::int64_t words = k + 1 < starts_[b + 1] ? chunk_words : ends_[b] - sorted_[k];
-      std::memcpy(to, sorted_[k], static_cast<std::size_t>(words) * sizeof(Word));
-      to += words;
+      const Word* words = sorted_[k];
+      visit(words, k + 1 < starts_[b + 1] ? chunk_words : ends_[b] - words);
     }
-    return to;
   }
 
  private:
@@ -84,6 +95,8 @@ class WordLists {
       blocks_.back().resize(std::min(largest, smallest << 2 * std::min<std::size_t>(block_, 8)));
     }
     Word* words = blocks_[block_].data()[chunk_++].words;
+    constexpr std::int64_t line_words = 64 / sizeof(Word);
+    for (std::int64_t k = line_words; k < chunk_words; k += line_words) fetch_to_write(words + k);
     chunks_.push_back({bucket, words});
     return words;
   }

@@ -73,7 +73,7 @@ struct MemoryRows {
     return 0;
   }
   FC_HOST_DEVICE void clear(std::uint32_t owner) const {
-    rows[owner].count = rows[owner].last_chained = 0;
+    if (rows[owner].count != 0) rows[owner].count = rows[owner].last_chained = 0;  // most rows are empty
     if (owner == 0) *chained_count = 0;
   }
 };

@@ -20,7 +20,37 @@ struct FrameControl {
   std::uint32_t longest;           // that a pass wanted, where it found more than a list and strays have room for
   std::uint32_t stray_records[3];  // in turn: of the pass before, of this one, of the next
   std::uint32_t most_stray_records;
+  Vec3 drift, next_drift;         // with which the skins move in this frame and in the next one [m/s]
+  std::uint64_t velocity_sum[3];  // of some spheres, in units of 2^-20 m/s
   Watch watch;
+};
+
+// Keeps the mean velocity of some spheres in a frame for the skins of the next one.
+struct Drift {
+  static constexpr float unit = 0x1p-20f, fastest = 1e6f;  // [m/s]
+  std::uint32_t samples;                                   // 0: skins stay where they are
+  std::uint32_t stride;                                    // from one of their slots to the next
+
+  FC_HOST_DEVICE void add(std::int64_t slot, Vec3 velocity, FrameControl* control) const {
+    if (samples == 0 || slot % stride != 0 || slot / stride >= samples) return;
+    const auto word = [](float speed) {
+      return static_cast<std::uint64_t>(round_to_int64(clamp(speed, -fastest, fastest) * (1.0f / unit)));
+    };
+    atomic_add(&control->velocity_sum[0], word(velocity.x));
+    atomic_add(&control->velocity_sum[1], word(velocity.y));
+    atomic_add(&control->velocity_sum[2], word(velocity.z));
+  }
+  FC_HOST_DEVICE void end(FrameControl* control) const {
+    if (samples == 0) return;
+    const float part = unit / static_cast<float>(samples);
+    const auto mean = [&](std::uint64_t& sum) {
+      const float value = static_cast<float>(static_cast<std::int64_t>(sum)) * part;
+      sum = 0;
+      return value;
+    };
+    std::uint64_t* sums = control->velocity_sum;
+    control->next_drift = {mean(sums[0]), mean(sums[1]), mean(sums[2])};
+  }
 };
 
 // Entry k of a sphere belongs to lane k % lanes. Spheres whose entries are read at the same time lie side by side:
@@ -91,18 +121,19 @@ struct Strays {
     const CellRange xs = cells_within(position.x, range, coarse.x);
     const CellRange ys = cells_within(position.y, range, coarse.y);
     const CellRange zs = cells_within(position.z, range, coarse.z);
-    const int cells = xs.count * ys.count * zs.count;
-    for (int i = 0; i < cells; ++i) {
+    const auto wanted = static_cast<std::uint32_t>(xs.count * ys.count * zs.count);
+    const std::uint32_t first = atomic_add(&control->stray_records[pass % 3], wanted);
+    if (first + wanted > places) {
+      atomic_max(&control->most_stray_records, first + wanted);
+      return;
+    }
+    for (int i = 0; i < static_cast<int>(wanted); ++i) {
       const Vec3i cell{cell_in_range(xs, i % xs.count, coarse.x), cell_in_range(ys, i / xs.count % ys.count, coarse.y),
                        cell_in_range(zs, i / xs.count / ys.count, coarse.z)};
-      const std::uint32_t place = atomic_add(&control->stray_records[pass % 3], 1);
-      if (place >= places) {
-        atomic_max(&control->most_stray_records, place + 1);
-        continue;
-      }
-      const std::uint64_t before = atomic_exchange(heads + cell_hash(cell, coarse), mark | place);
-      const bool is_first = (before ^ mark) >> 32 != 0;
-      records[place] = {slot, is_first ? no_stray : static_cast<std::uint32_t>(before)};
+      const std::uint32_t place = first + static_cast<unsigned>(i);
+      const std::uint64_t head = atomic_exchange(heads + cell_hash(cell, coarse), mark | place);
+      const bool is_first = (head ^ mark) >> 32 != 0;
+      records[place] = {slot, is_first ? no_stray : static_cast<std::uint32_t>(head)};
     }
   }
 
@@ -199,6 +230,7 @@ struct RecordFrameLists {
   Vec3 period;
   const float* masses;
   FrameLists lists;
+  Drift drift;
   FrameControl* control;
 
   FC_HOST_DEVICE void assume_walls() {
@@ -206,6 +238,7 @@ struct RecordFrameLists {
     fastcollide::assume_walls(sorted.shape);
   }
   FC_HOST_DEVICE void operator()(std::int64_t row) const {
+    if (row == 0) drift.end(control);
     const auto slot = static_cast<std::uint32_t>(row >> (is_shared ? lists.lane_bits : 0));
     if (is_fixed(masses[slot])) return;  // nothing pushes it, so it asks for nobody
     const Vec4 self = sorted.balls[slot];
@@ -249,6 +282,7 @@ struct FrameListNeighbors {
   FrameLists lists;
   Strays strays;  // of the pass before
   bool is_first;  // there is none
+  float age;      // of the lists, 0 where skins stay where they are [s]
 
   FC_HOST_DEVICE void assume_walls() {
     fastcollide::assume_walls(sorted.shape);
@@ -294,6 +328,7 @@ struct FrameListNeighbors {
                                               std::uint32_t* list, std::uint32_t*& chunk, std::uint32_t row) const {
     const Vec4 self = sorted.balls[slot];
     const float radius = grid.position_radius[slot].w;
+    const Vec3 drifted = strays.control->drift * age, start = position - drifted;
     std::uint32_t found = 0;
     auto write = [&](std::uint32_t other) {
       if (other == slot || are_listed(self, sorted.balls[other], grid.period, sorted.law.reach)) return;
@@ -321,17 +356,17 @@ struct FrameListNeighbors {
       if (turn++ % lane.count == lane.index) write(other);
     };
     strays.visit(position, share);
-    if (!is_out_of_skin(self, radius, position, grid.period)) return found;
+    if (!is_out_of_skin(self, radius, start, grid.period)) return found;
     // A stray finds the others, which are still in their skins, where the sort has put them.
     const float range = radius + sorted.law.reach;
     auto write_if_near = [&](std::uint32_t other, Vec4 ball) {
-      const Vec3 offset = separation(position, {ball.x, ball.y, ball.z}, grid.period);
+      const Vec3 offset = separation(start, {ball.x, ball.y, ball.z}, grid.period);
       const float most = (range + ball.w) * 1.00001f;
       if (!(dot(offset, offset) <= most * most)) return;
       const Vec4 there = grid.position_radius[other];
-      if (!is_out_of_skin(ball, there.w, {there.x, there.y, there.z}, grid.period)) write(other);
+      if (!is_out_of_skin(ball, there.w, Vec3{there.x, there.y, there.z} - drifted, grid.period)) write(other);
     };
-    visit_sorted(sorted, position, range + sorted.law.largest_radius + sorted.law.thickest, lane, write_if_near);
+    visit_sorted(sorted, start, range + sorted.law.largest_radius + sorted.law.thickest, lane, write_if_near);
     return found;
   }
 };
@@ -342,16 +377,25 @@ struct ToFrameSlots {
   Vec3 period;
   SortedSlots sorted;
   Strays strays;
+  float age;          // of the lists after this pass, 0 where skins stay where they are [s]
+  Vec4 ball = {};     // of the slot
+  Vec3 drifted = {};  // way of its skin since the lists were made [m]
 
   FC_HOST_DEVICE void assume_walls() {
     period = {0, 0, 0};
+    fastcollide::assume_walls(sorted.shape);
     fastcollide::assume_walls(strays.coarse);
+  }
+  // Loads what write() needs, together with what a pass loads of a slot itself.
+  FC_HOST_DEVICE void begin(std::int64_t slot) {
+    ball = sorted.balls[slot];
+    if (age > 0.0f) drifted = strays.control->drift * age;
   }
   FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
     to.position_radius[slot] = {position.x, position.y, position.z, sphere.radius};
     to.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, sphere.restitution};
     if (to.spins != nullptr) to.spins[slot] = spin;
-    if (is_out_of_skin(sorted.balls[slot], sphere.radius, position, period)) {
+    if (is_out_of_skin(ball, sphere.radius, position - drifted, period)) {
       strays.add(static_cast<std::uint32_t>(slot), position,
                  sphere.radius + sorted.law.reach + sorted.law.largest_radius);
     }

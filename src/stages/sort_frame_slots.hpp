@@ -53,16 +53,20 @@ struct ScatterFrameSlots {
   SlotMove move;
   Vec4* built;
   std::uint32_t* list_counts;
+  Drift drift;
   FrameControl* control;
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
     const std::uint32_t place = cell_start[cells[slot]] + ranks[slot];
     const Vec4 here = move.from.position_radius[slot];
     move(slot, place);
-    built[place] = {here.x, here.y, here.z, here.w + law.skin_of(move.velocity_of(slot))};
+    const Vec3 velocity = move.velocity_of(slot);
+    built[place] = {here.x, here.y, here.z, here.w + law.skin_of(velocity - control->next_drift)};
     list_counts[place] = 0;
+    drift.add(slot, velocity, control);
     if (slot > 0) return;
     ++control->frame;
+    control->drift = control->next_drift;
     control->next_slot = control->next_chunk = 0;
     control->stray_records[0] = control->stray_records[1] = control->stray_records[2] = 0;
   }

@@ -1,5 +1,5 @@
 // Runs the report's scene through the public C++ interface and prints the hashes of its start, its end and a picture.
-//   print_hash [particles [frames [device [threads [block_size [kind [cells | list | frame | levels]]]]]]]
+//   print_hash [particles [frames [device [threads [block_size [kind [cells | list | frame | levels | small]]]]]]]
 // Kinds: reference; smooth and rough are the default solver without and with friction, rolling resistance and fixed
 // spheres; mixed is smooth, with most spheres 32 times smaller in a smaller box.
 #include <cinttypes>
@@ -64,6 +64,7 @@ int main(int argc, char** argv) {
   if (method == "list") options.method = fastcollide::Method::list;
   if (method == "frame") options.method = fastcollide::Method::frame;
   if (method == "levels") options.method = fastcollide::Method::levels;
+  if (method == "small") options.method = fastcollide::Method::small;
   try {
     options.solver = kind == "reference" ? fastcollide::Solver::reference : fastcollide::Solver::substep;
     options.wall_friction = kind == "rough" ? 0.3f : 0.0f;

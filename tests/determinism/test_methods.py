@@ -8,14 +8,18 @@ import pytest
 from determinism import golden
 
 NAMES = [name for name in golden.SCENES if "20,000" not in name]
-METHODS = ("cells", "list", "frame")
-
-
 METHODS = ("cells", "list", "frame", "levels")
 
 
+def methods_for(count, is_rough=False):
+    """One of them is for smooth spheres, as few as fit into the shared memory of a multiprocessor."""
+    return METHODS if is_rough or count > 1600 else (*METHODS, "small")
+
+
 def all_methods(device, solver, spheres, **options):
-    worlds = [fc.World(device=device, solver=solver, method=method, **options) for method in METHODS]
+    is_rough = solver == "substep" and (spheres.friction is not None or spheres.spin is not None)
+    methods = methods_for(len(spheres), is_rough)
+    worlds = [fc.World(device=device, solver=solver, method=method, **options) for method in methods]
     for world in worlds:
         world.add(spheres)
     return worlds
@@ -234,6 +238,17 @@ def test_lists_that_are_too_long_for_their_rows(device, solver):
     assert_equal_steps(worlds, (1, 10, 20), 1 / 60)
 
 
+@pytest.mark.parametrize("boundary", ["wall", "periodic", "open"])
+def test_more_neighbours_than_a_small_world_lists(device, solver, boundary):
+    """Two large spheres in a swarm look at all others; lists hold for many frames until the swarm comes down."""
+    bounds = ((0, 0, 0), (3, 3, 3))
+    spheres = fc.random_spheres(1500, bounds, seed=14, radius=(0.03, 0.05), speed=(0.5, 0.5, 0))
+    worlds = all_methods(device, solver, spheres, bounds=bounds, boundary=boundary)
+    for world in worlds:
+        world.add(position=[(0.9, 0.9, 0.9), (2.2, 2.0, 1.2)], radius=0.7)
+    assert_equal_steps(worlds, (1, 10, 40, 60), 1 / 120)
+
+
 def mixed_spheres(n, ratio, largest_radius, seed=1, fill=0.15):
     """Equal volume in each octave of sizes and one of the largest, in a box that they fill to a part."""
     random = np.random.default_rng(seed)
@@ -285,11 +300,29 @@ def test_any_number_of_threads_makes_the_same_lists(solver):
 
 
 def test_an_unknown_method_is_refused(device):
-    with pytest.raises(fc.InvalidValue, match=r'method: found "tree".*"auto", "cells", "list", "frame" or "levels"'):
+    with pytest.raises(
+        fc.InvalidValue, match=r'method: found "tree".*"auto", "cells", "list", "frame", "levels" or "small"'
+    ):
         fc.World(device=device, method="tree")
 
 
-@pytest.mark.parametrize("method", METHODS)
+def test_too_many_spheres_for_a_small_world(device, solver):
+    world = fc.World(device=device, solver=solver, method="small")
+    world.add(fc.random_spheres(5000))
+    before = world.state_hash()
+    with pytest.raises(fc.InvalidValue, match=r'method: found "small" for 5000 spheres; allowed: smooth .*4,096'):
+        world.step(1)
+    assert (world.frame, world.state_hash()) == (0, before)
+
+
+def test_rough_spheres_in_a_small_world(device):
+    world = fc.World(device=device, method="small")
+    world.add(position=[(0, 0, 1)], radius=0.1, friction=0.5)
+    with pytest.raises(fc.InvalidValue, match=r'"small" for 1 spheres with friction or spin; allowed: smooth spheres'):
+        world.step(1)
+
+
+@pytest.mark.parametrize("method", methods_for(2))
 def test_a_fault_in_the_first_frame_leaves_all_as_it_was(device, solver, method):
     world = fc.World(device=device, solver=solver, method=method, boundary="open", gravity=(0, 0, 0), drag=0)
     world.add(position=[[0, 0, 0], [13000, 0, 0]], radius=0.1, velocity=[[1, 0, 0], [1e6, 0, 0]])

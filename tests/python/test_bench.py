@@ -128,7 +128,7 @@ def test_the_stages_are_known_and_those_of_the_method():
     rows = run_bench(replace(SMALL, sizes=(90,), method=METHODS))
     for row in rows:
         assert set(row.stages) <= set(bench.STAGES)
-        assert ("make_lists" in row.stages) == (row.method in ("list", "frame"))
+        assert ("make_lists" in row.stages) == (row.method in ("list", "frame", "auto"))
         assert ("solve_contacts" in row.stages) == (row.solver == "reference")
 
 
@@ -192,7 +192,7 @@ def test_a_case_without_memory_is_told_and_left_out(capfd, monkeypatch, tmp_path
     assert cli.main([*SMALL_WORDS, "--output", str(tmp_path)]) == 0
     assert "90 spheres, reference, cells, cpu: left out: found 1 GB; needs 2 GB" in capfd.readouterr().err
     rows = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))["rows"]
-    assert [row["times_yardstick"] is None for row in rows] == [False] * 9 + [True] * 8
+    assert [row["times_yardstick"] is None for row in rows] == [False] * 12 + [True] * 11
 
 
 # --- The program ---
@@ -207,7 +207,7 @@ def test_the_files_hold_what_was_measured(capfd, tmp_path):
     assert content["options"]["sizes"] == [40, 90]
     with (folder / "bench.csv").open(encoding="utf-8", newline="") as file:
         lines = list(csv.DictReader(file))
-    assert len(lines) == len(content["rows"]) == 18
+    assert len(lines) == len(content["rows"]) == 24
     for line, row in zip(lines, content["rows"], strict=True):
         assert line["note"] == "two words"
         assert line["state_hash"] == row["state_hash"]

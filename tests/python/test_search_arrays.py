@@ -61,6 +61,14 @@ def test_other_numbers_are_converted():
     assert fc.find_contacts(np.array(grid, np.float16), 0.51).gap.dtype == np.float32
 
 
+def test_a_radius_may_be_an_array_of_no_dimensions():
+    expected = fc.find_contacts(POSITION, 0.3, output="total")
+    assert fc.find_contacts(POSITION, np.array(0.3), output="total") == expected > 0
+    torch = pytest.importorskip("torch")
+    radius = torch.tensor(0.3, dtype=torch.float64, requires_grad=True)
+    assert fc.find_contacts(POSITION, radius, output="total") == expected
+
+
 def test_float32_positions_with_float64_radii_are_decided_with_all_digits():
     position = np.array([(0, 0, 0), (1, 0, 0)], np.float32)
     assert len(fc.find_contacts(position, np.full(2, 0.5 + 1e-12))) == 1
@@ -251,6 +259,9 @@ def with_value(array, index, value):
         ({"boundary": "periodic", "bounds": ((0, 0, 0), (5, 0, 5))}, r"bounds\[1\]: found 0; .*above", "bounds", 1),
         ({"boundary": "periodic", "bounds": ((0, 0, 0), (5, 5, 4))}, r"positions.*inside the bounds", "positions", ...),
         ({"boundary": "periodic", "bounds": CUBE, "radii": 1.25}, r"bounds\[0\]: .*twice the largest", "bounds", 0),
+        ({"max_contacts": 2.5}, "max_contacts: found 2.5; allowed: a whole number from 0 to", "max_contacts", None),
+        ({"max_contacts": -1}, "max_contacts: found -1; allowed: a whole number", "max_contacts", None),
+        ({"max_contacts": 2**63}, "max_contacts: found 9223372036854775808; ", "max_contacts", None),
         ({"output": "everything"}, 'output: found "everything"; allowed: contacts, ', "output", None),
         ({"other_radii": RADIUS}, "other_radii: found without other_positions", "other_radii", None),
         ({"other_positions": POSITION}, "other_radii: found None", "other_radii", None),
@@ -299,12 +310,13 @@ def test_places_that_the_type_cannot_resolve_are_refused():
     [
         ({"radius": 0.0}, "radius: found 0; allowed: a finite number above 0", "radius"),
         ({"radius": np.nan}, "radius: found nan", "radius"),
-        ({"radius": np.inf}, "radius: found inf", "radius"),
+        ({"radius": np.inf}, "radius: found inf; allowed: a finite number above 0", "radius"),
         ({"points": with_value(POSITION, (9, 0), np.nan)}, r"points\[9\]: ", "points"),
         ({"queries": with_value(POSITION, (9, 0), np.nan)}, r"queries\[9\]: ", "queries"),
         ({"queries": POSITION, "points": with_value(POSITION, (9, 0), np.nan)}, r"points\[9\]: ", "points"),
         ({"queries": POSITION.astype(np.float32)}, "points: found float64; allowed: float32", "points"),
-        ({"max_neighbors": -1}, "max_neighbors: found -1; allowed: 0 or more", "max_neighbors"),
+        ({"max_neighbors": -1}, "max_neighbors: found -1; allowed: a whole number from 0 to", "max_neighbors"),
+        ({"max_neighbors": "few"}, "max_neighbors: found 'few'; allowed: a whole number", "max_neighbors"),
         ({"sort": "size"}, "sort: found 'size'; allowed: 'index' or 'distance'", "sort"),
         ({"distances": True}, "distances: found True", "distances"),
     ],
@@ -313,6 +325,22 @@ def test_neighbors_refuse_by_their_own_names(change, message, field):
     with pytest.raises(fc.InvalidValue, match=message) as caught:
         fc.find_neighbors(**({"points": POSITION, "radius": 0.5} | change))
     assert caught.value.field == field
+
+
+@pytest.mark.parametrize("threads", [-1, 2.5, "all", 10**12])
+def test_a_wrong_number_of_threads_is_refused(threads):
+    with pytest.raises(fc.InvalidValue, match=r"threads: found .*; allowed: ") as caught:
+        fc.ContactFinder(threads)
+    assert caught.value.field == "threads"
+
+
+def test_masked_numbers_are_refused():
+    """What lies under a mask is not what its owner means."""
+    masked = np.ma.masked_greater(POSITION, 4.9)
+    with pytest.raises(fc.InvalidValue, match="positions: found an array with masked numbers; allowed: one without"):
+        fc.find_contacts(masked, RADIUS)
+    unmasked = np.ma.masked_greater(POSITION, 1e9)
+    assert len(fc.find_contacts(unmasked, RADIUS)) == len(fc.find_contacts(POSITION, RADIUS))
 
 
 memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 0

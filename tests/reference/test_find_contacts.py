@@ -267,6 +267,14 @@ def test_more_pairs_than_32_bits_can_count():
     assert (fc.find_contacts(position[:5000], 0.25, output="counts") == 4999).all()
 
 
+@pytest.mark.parametrize("size", [2, 3, 4, 9, 16, 17, 18, 32, 33, 34, 60])
+def test_rows_of_any_length(finder, size):
+    """Each sphere touches all others of its cluster: rows of the same length, which is how they are sorted."""
+    center = np.stack(np.unravel_index(np.arange(40), (4, 5, 2)), axis=1)
+    position = np.random.default_rng(size).permutation(np.repeat(center, size, axis=0)).astype(np.float32)
+    assert assert_right(finder, position, 0.25) == 40 * size * (size - 1) // 2
+
+
 @pytest.mark.parametrize("count", [2_000, 2_097_152, 2_120_000])
 def test_pairs_of_up_to_so_many_spheres_that_two_ids_need_more_than_32_bits(count):
     ids = np.random.default_rng(5).permutation(count).astype(np.int32).reshape(-1, 2)  # two that touch, in each row
@@ -277,7 +285,7 @@ def test_pairs_of_up_to_so_many_spheres_that_two_ids_need_more_than_32_bits(coun
     finder = fc.ContactFinder(threads=2)
 
     pairs = finder.find_contacts(position, 0.125, output="pairs")
-    rows = finder.find_contacts(position, 0.125, output="neighbors")
+    rows = finder.find_contacts(position, np.full(count, 0.125, np.float32), output="neighbors")
 
     expected = np.sort(ids, axis=1)
     expected = expected[np.argsort(expected[:, 0])]
