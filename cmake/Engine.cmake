@@ -32,6 +32,11 @@ function(fastcollide_add_engine name)
     target_compile_options(${name} PRIVATE $<$<COMPILE_LANGUAGE:CXX>:-Wall;-Wextra>)
   endif()
   target_compile_options(${name} PRIVATE ${engine_OPTIONS})
+  if(NOT MSVC)
+    # No operation has an effect but its result, so that both sides of a choice may be computed, many at a time.
+    set_source_files_properties(${PROJECT_SOURCE_DIR}/src/cpu/contact_block.cpp PROPERTIES
+      COMPILE_OPTIONS -fno-trapping-math)
+  endif()
 
   if(engine_CUDA)
     target_compile_features(${name} PRIVATE cuda_std_20)

@@ -8,14 +8,17 @@
 #include "contact_memory.hpp"
 #include "grid_shape.hpp"
 #include "host_run.hpp"
-#include "listed_step.hpp"
+#include "listed_stages.hpp"
 #include "slot_buffers.hpp"
 
 namespace fastcollide {
 
 // Lengths in the largest radius, time in frames. On an H200 half or double of each changed the frame of 20,000 and of
 // 1,000,000 spheres by a sixth at most, but for a thinnest skin of 0.15 or 0.3: docs/performance.md.
-inline constexpr float thinnest_skin = 0.05f, thickest_skin = 0.5f, skin_time = 1.1f, list_cell_edge = 1.5f;
+inline constexpr float thickest_skin = 0.5f, skin_time = 1.1f, list_cell_edge = 1.5f;
+// A CPU mends lists at more cost, and looks at what is in them at less.
+template <Backend B>
+inline constexpr float thinnest_skin = B::has_whole_grid ? 0.05f : 0.1f;
 
 template <Backend B>
 class ListedFrames {
@@ -42,7 +45,7 @@ class ListedFrames {
     // Cells smaller than a sphere: a search looks at no more of them than it needs.
     world.shape = choose_grid_shape(frame.substep.box, 0.5f * list_cell_edge * largest_radius, 0.0f, count, 0.0f);
     const float passes = frame.solver == Solver::substep ? static_cast<float>(frame.iterations) : 1.0f;
-    world.skin = {skin_time * passes * frame.substep.flight.dt, thinnest_skin * largest_radius,
+    world.skin = {skin_time * passes * frame.substep.flight.dt, thinnest_skin<B> * largest_radius,
                   thickest_skin * largest_radius, reach, largest_radius};
     resize(world, bodies.spins != nullptr, frame.solver == Solver::substep);
     control_.watch = {};
@@ -85,7 +88,7 @@ class ListedFrames {
           break;
       }
     }
-    HostRun<B> run(backend_, timer);
+    ListedRun<B> run(backend_, timer, stages_);
     program(run);
   }
 
@@ -125,6 +128,7 @@ class ListedFrames {
     device_control_.resize(1);
     list_counts_.resize(count * lanes_);
     list_entries_.resize(list_places(count));
+    stages_.resize(count);
     count_ = count;
   }
 
@@ -172,6 +176,7 @@ class ListedFrames {
   std::uint32_t lanes_ = 0, capacity_ = 0, queue_places_ = 0;
   ListControl control_{};  // as the device left it
   typename B::template Buffer<ListControl> device_control_{backend_};
+  ListedStages<B> stages_{backend_};
   SlotStateBuffers<B> state_{backend_}, other_state_{backend_};
   SlotConstantBuffers<B> constants_{backend_}, other_constants_{backend_};
   typename B::template Buffer<Vec4> built_{backend_};

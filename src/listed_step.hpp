@@ -98,6 +98,18 @@ struct AdvanceSlots {
   }
 };
 
+FC_HOST_DEVICE inline RecordLists record_lists_of(const ListedWorld& world) {
+  return {world.shape,
+          period_of(world.frame.substep.box),
+          world.cell_start,
+          world.state.position_radius,
+          world.constants.masses,
+          world.built,
+          world.skin,
+          world.lists,
+          world.control};
+}
+
 FC_EITHER_SIDE
 template <class Run>
 FC_HOST_DEVICE void make_lists(Run& run, ListedWorld& world, Progress& progress) {
@@ -119,10 +131,11 @@ FC_HOST_DEVICE void make_lists(Run& run, ListedWorld& world, Progress& progress)
   ++progress.state_swaps;
   ++progress.sorts;
   progress.age = 0;
-  run.for_each(
-      Stage::make_lists, world.count * world.lists.lanes,
-      RecordLists{world.shape, period_of(world.frame.substep.box), world.cell_start, world.state.position_radius,
-                  world.constants.masses, world.built, world.skin, world.lists, world.control});
+  if constexpr (requires { run.record_lists(world); }) {
+    run.record_lists(world);
+  } else {
+    run.for_each(Stage::make_lists, world.count * world.lists.lanes, record_lists_of(world));
+  }
 }
 
 // Lists keep what has gone away since, so now and then all are made anew.

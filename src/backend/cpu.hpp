@@ -75,9 +75,7 @@ class CpuBackend {
 
   template <class F>
   void for_each(std::int64_t n, const F& f) {
-    for_each_slab(n, [&](int, std::int64_t begin, std::int64_t end) {
-      for (std::int64_t i = begin; i < end; ++i) f(i);
-    });
+    for_each_slab(n, [&](int, std::int64_t begin, std::int64_t end) { run_part(f, begin, end); });
   }
 
   // One sphere that is worth many lanes is a slab of its own.
@@ -166,6 +164,12 @@ class CpuBackend {
   void let_wait(void*) {}
 
  private:
+  // One function with all that f calls: GCC leaves the passes' smaller functions out of line otherwise.
+  template <class F>
+  [[gnu::flatten]] static void run_part(const F& f, std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) f(i);
+  }
+
   // work(slab, begin, end) on slabs that depend on n alone, so that two calls with the same n cut it alike. Several for
   // each thread even out slabs of different cost; a slab has enough elements to be worth handing over.
   template <class Work>

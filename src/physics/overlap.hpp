@@ -42,8 +42,12 @@ FC_HOST_DEVICE inline ContactGeometry contact_geometry(Vec3 a, float radius_a, s
   const float reach = radius_a + radius_b;
   // Centres that coincide have no direction of their own: the smaller id goes towards +x. The limit keeps the square
   // of the offset in the range of normal numbers.
-  if (!(distance > 1e-18f)) return {{id_a < id_b ? 1.0f : -1.0f, 0.0f, 0.0f}, reach};
-  return {{offset.x / distance, offset.y / distance, offset.z / distance}, reach - distance};
+  const bool is_apart = distance > 1e-18f;
+  return {{is_apart      ? offset.x / distance
+           : id_a < id_b ? 1.0f
+                         : -1.0f,
+           is_apart ? offset.y / distance : 0.0f, is_apart ? offset.z / distance : 0.0f},
+          is_apart ? reach - distance : reach};
 }
 
 }  // namespace fastcollide

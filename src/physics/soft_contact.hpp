@@ -74,9 +74,8 @@ FC_HOST_DEVICE inline Vec3 relative_gravity(Vec3 gravity, float other_mass) {
 // Speed along the normal at which the spring of a resting contact pushes, before it is shared and cut by the crowding
 // [m/s]. The damper takes the normal velocity from it.
 FC_HOST_DEVICE inline float resting_push(float depth, float smaller_radius, float crowding, const SoftContactLaw& law) {
-  float push = smaller(smaller(depth, deepest_push_in_radii * smaller_radius) * (spring / law.substep), fastest_push);
-  if (crowding <= most_crowding_of_one_contact) push = smaller(push, fastest_lone_push);
-  return push;
+  const float fastest = crowding <= most_crowding_of_one_contact ? fastest_lone_push : fastest_push;
+  return smaller(smaller(depth, deepest_push_in_radii * smaller_radius) * (spring / law.substep), fastest);
 }
 
 }  // namespace fastcollide

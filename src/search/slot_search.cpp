@@ -6,6 +6,8 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "../backend/lane_table.hpp"
+
 #if defined(__x86_64__) && defined(__GNUC__)
 #define FC_HAS_X86_SIMD 1
 #include <immintrin.h>
@@ -104,20 +106,6 @@ struct Lanes {
 #if FC_HAS_X86_SIMD
 namespace avx2 {
 #define FC_TARGET __attribute__((target("avx2,bmi,bmi2,popcnt")))
-
-// For each set of 8 lanes, its members in order, one in each byte.
-struct LaneTable {
-  std::uint64_t lanes[256];
-  constexpr LaneTable() : lanes() {
-    for (int set = 0; set < 256; ++set) {
-      int place = 0;
-      for (int lane = 0; lane < 8; ++lane) {
-        if ((set >> lane & 1) != 0) lanes[set] |= std::uint64_t(lane) << (8 * place++);
-      }
-    }
-  }
-};
-constexpr LaneTable lane_table;
 
 FC_TARGET inline __m256i lanes_of(unsigned found) {
   return _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(static_cast<long long>(lane_table.lanes[found])));

@@ -165,11 +165,17 @@ struct ListedNeighbors {
   FC_HOST_DEVICE void visit(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane, Visit& visit) const {
     const std::int64_t row = slot * lane.count + lane.index;
     const std::uint32_t* list = lists.of_row(row);
+    const std::uint32_t count = publish(row);
+    const auto slot_at = [&](std::uint32_t i) { return list[std::int64_t(i) * lists.width]; };
+    visit_near(grid.position_radius, grid.period, position, grid.position_radius[slot].w + reach, count, slot_at,
+               visit);
+  }
+
+  // The entries of a row; what was being added to it is there for all from now on.
+  FC_HOST_DEVICE std::uint32_t publish(std::int64_t row) const {
     const ListCount count = lists.counts[row];
     if (count.published != count.pending) lists.counts[row].published = count.pending;
-    const auto slot_at = [&](std::uint32_t i) { return list[std::int64_t(i) * lists.width]; };
-    visit_near(grid.position_radius, grid.period, position, grid.position_radius[slot].w + reach, count.pending,
-               slot_at, visit);
+    return count.pending;
   }
 };
 

@@ -39,19 +39,24 @@ inline constexpr std::uint32_t no_pick = ~std::uint32_t(0);
 inline constexpr std::uint32_t pick_of_fixed = no_pick - 1;
 
 // A sphere with the gravity and drag of this substep already in its velocity.
-FC_HOST_DEVICE inline Sphere falling_sphere_in_slot(const GridView& grid, std::int64_t slot, const Flight& flight) {
-  Sphere sphere = sphere_in_slot(grid, slot);
+FC_HOST_DEVICE inline Sphere falling_sphere(Sphere sphere, const Flight& flight) {
   if (is_fixed(sphere.mass)) return sphere;
   sphere.velocity = (sphere.velocity + flight.velocity_gain) * flight.damping;
   return sphere;
 }
+FC_HOST_DEVICE inline Sphere falling_sphere_in_slot(const GridView& grid, std::int64_t slot, const Flight& flight) {
+  return falling_sphere(sphere_in_slot(grid, slot), flight);
+}
 
+FC_HOST_DEVICE inline bool are_near(const Sphere& a, Vec3 position, float radius, Vec3 period, float margin) {
+  const Vec3 offset = separation(a.position, position, period);
+  const float reach = a.radius + radius + margin_of_pair(a.radius, radius, margin);
+  return dot(offset, offset) <= reach * reach;
+}
 // Most candidates of the 27 cells end here: no more than place and radius are read of them.
 FC_HOST_DEVICE inline bool is_near(const Sphere& self, const GridView& grid, std::int64_t other, float margin) {
   const Vec4 there = grid.position_radius[other];
-  const Vec3 offset = separation(self.position, {there.x, there.y, there.z}, grid.period);
-  const float reach = self.radius + there.w + margin_of_pair(self.radius, there.w, margin);
-  return dot(offset, offset) <= reach * reach;
+  return are_near(self, {there.x, there.y, there.z}, there.w, grid.period, margin);
 }
 
 // A world without friction has no array of it.

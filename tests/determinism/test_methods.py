@@ -330,3 +330,11 @@ def test_a_fault_in_the_first_frame_leaves_all_as_it_was(device, solver, method)
     with pytest.raises(fc.SimulationError, match="sphere 1 in frame 1: it is more than 131072 radii"):
         world.step(3)
     assert (world.frame, world.state_hash()) == (0, before)
+
+
+def test_a_short_period(device, solver):
+    """Four largest radii: what is within a list's reach is so in more than one image."""
+    bounds = ((-1, 0, 0), (1, 2, 20))
+    spheres = fc.random_spheres(120, bounds, seed=5, radius=(0.1, 0.5))
+    worlds = all_methods(device, solver, spheres, bounds=bounds, boundary=("periodic", "periodic", "wall"))
+    assert_equal_steps(worlds, (1, 9, 50))

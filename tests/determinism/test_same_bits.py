@@ -34,6 +34,23 @@ def test_any_number_of_threads(solver):
         assert hash_after(6, solver=solver, threads=threads) == expected
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.4])
+def test_any_vector_units(solver, friction, monkeypatch):
+    """The narrow ones that every processor has, and those of this one. Deep in a pile, where contacts rest."""
+    if solver == "reference" and friction > 0:
+        pytest.skip("the reference solver has no friction of spheres")
+    bounds = ((0, 0, 0), (3, 3, 10))
+    spheres = fc.random_spheres(600, bounds, seed=4, radius=(0.05, 0.2), friction=friction)
+    hashes = set()
+    for simd in ("none", "avx2", "avx512"):
+        monkeypatch.setenv("FASTCOLLIDE_SIMD", simd)
+        world = fc.World(bounds=bounds, boundary=("periodic", "wall", "wall"), device="cpu", solver=solver)
+        world.add(spheres)
+        world.step(150)
+        hashes.add(world.state_hash())
+    assert len(hashes) == 1
+
+
 def test_contacts_of_any_number_of_threads():
     expected = report_world("cpu", threads=1).contacts()
     assert len(expected) > 500
