@@ -332,7 +332,6 @@ class EngineOn final : public Engine {
 
   // Few enough frames that a fault is told and a wish to stop is heard soon; enough that a GPU is not kept waiting.
   void adapt_frames_at_once(double seconds) {
-    if (B::frames_between_checks == 1) return;
     if (seconds < 0.01 && frames_at_once_ < 4096) frames_at_once_ *= 2;
     if (seconds > 0.05 && frames_at_once_ > 1) frames_at_once_ /= 2;
   }
