@@ -119,7 +119,7 @@ def contacts(row: dict) -> str:
 def share_of_lists(row: dict) -> float:
     """Of the time of all stages, that of making and mending lists, with the sort before them."""
     stages = {name: float(value) for name, value in row.items() if name.endswith("_ms") and value}
-    return (stages["make_lists_ms"] + stages["build_grid_ms"]) / sum(stages.values())
+    return (stages["make_lists_ms"] + stages.get("build_grid_ms", 0.0)) / sum(stages.values())
 
 
 def tables_of_sizes(results: Path = RESULTS) -> str:
