@@ -34,8 +34,6 @@ struct SmallWorld {
   SmallLists lists;
   SmallNews* news;  // of all blocks: three in turn, that a pass reads, that it writes, and that the next one will write
 
-  // The report's loop does not turn spheres.
-  FC_HOST_DEVICE bool is_rough() const { return bodies.spins != nullptr && frame.solver == Solver::substep; }
   FC_HOST_DEVICE GridView grid() const { return view_of(state, constants, count, period_of(frame.substep.box)); }
   FC_HOST_DEVICE ToSmallSlots to_slots(bool ends_frame, SmallNews* news_of_block) const {
     const Substep& step = frame.substep;

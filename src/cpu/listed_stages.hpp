@@ -4,7 +4,6 @@
 #include "../backend/cpu.hpp"
 #include "../listed_stages.hpp"
 #include "../search/slot_search.hpp"
-#include "../stages/measure.hpp"
 #include "gather_blocks.hpp"
 
 namespace fastcollide {
@@ -27,9 +26,10 @@ class ListedStages<CpuBackend> {
   template <class Run>
   void record_lists(Run& run, ListedWorld& world) {
     const std::int64_t count = world.count;
-    const float largest = backend_.transform_reduce(count, SizeInSkin{world}, 0.0f, Larger{});
-    const search::SlotSearch<float> input = search_input(world, largest);
-    if (meets_twice(input)) return run.for_each(Stage::make_lists, count, record_lists_of(world));
+    const Survey survey = backend_.transform_reduce(count, SurveySlots{world}, Survey{}, Survey::Operation{});
+    const search::SlotSearch<float> input = search_input(world, survey.largest_size);
+    const bool is_crowded = survey.beside_fixed > most_beside_fixed * count;
+    if (is_crowded || meets_twice(input)) return run.for_each(Stage::make_lists, count, record_lists_of(world));
     run.for_each(Stage::make_lists, count, Begin{world, numbers_.data(), slots_.data(), stride_});
     const Parts parts(count);
     run.for_each_of_group(Stage::make_lists, parts, Search{input, search_slots_, world, parts});
@@ -54,6 +54,28 @@ class ListedStages<CpuBackend> {
     const ListedWorld& world;
 
     float operator()(std::int64_t slot) const { return world.state.position_radius[slot].w + world.built[slot].w; }
+  };
+
+  // The search pairs fixed spheres with each other, too, for nothing; where they lie in each other by the thousands, as
+  // those that fill a wall may, that would take longer than all else.
+  static constexpr std::int64_t most_beside_fixed = 64;
+  struct Survey {
+    float largest_size = 0;
+    std::int64_t beside_fixed = 0;  // spheres in the cell of a fixed one, for all fixed ones
+
+    struct Operation {
+      Survey operator()(const Survey& a, const Survey& b) const {
+        return {larger(a.largest_size, b.largest_size), a.beside_fixed + b.beside_fixed};
+      }
+    };
+  };
+  struct SurveySlots {
+    const ListedWorld& world;
+
+    Survey operator()(std::int64_t slot) const {
+      const std::uint32_t* start = world.cell_start + world.sorted_cells[slot];
+      return {SizeInSkin{world}(slot), is_fixed(world.constants.masses[slot]) ? start[1] - start[0] : 0};
+    }
   };
 
   struct Begin {
