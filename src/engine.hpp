@@ -472,11 +472,11 @@ class EngineOn final : public Engine {
     if (!is_asked_for && (options_.method != Method::automatic || !small_runs_.pays(count()))) return false;
     if (small_runs_.has_room(parameters, body_arrays(), count())) return true;
     if (!is_asked_for) return false;
-    throw InvalidValue(
-        "method", -1,
-        "\"small\" for " + std::to_string(count()) + " spheres" + (bodies_.is_rough ? " with friction or spin" : ""),
-        "smooth spheres, as many as fit into the shared memory of a multiprocessor of compute "
-        "capability 9.0 or above, on a CPU at most 4,096");
+    throw InvalidValue("method", -1,
+                       "\"small\" for " + std::to_string(count()) + " spheres" +
+                           (bodies_.is_rough && options_.solver == Solver::substep ? " with friction or spin" : ""),
+                       "smooth spheres, as many as fit into the shared memory of a multiprocessor of compute "
+                       "capability 9.0 or above, on a CPU at most 4,096");
   }
 
   bool sorts_by_levels() const {

@@ -2,9 +2,10 @@
 #include "contact_block.hpp"
 
 #include "../backend/lane_table.hpp"
+#include "../backend/x86_vectors.hpp"
 
-#if defined(__x86_64__) && defined(__GNUC__)
-#include <immintrin.h>
+// Terms are integers here: see FASTCOLLIDE_FREE_ORDER in math.hpp.
+#if FC_HAS_X86_SIMD && !defined(FASTCOLLIDE_FREE_ORDER)
 
 namespace fastcollide {
 namespace {

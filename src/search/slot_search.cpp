@@ -7,13 +7,7 @@
 #include <cstring>
 
 #include "../backend/lane_table.hpp"
-
-#if defined(__x86_64__) && defined(__GNUC__)
-#define FC_HAS_X86_SIMD 1
-#include <immintrin.h>
-#else
-#define FC_HAS_X86_SIMD 0
-#endif
+#include "../backend/x86_vectors.hpp"
 
 namespace fastcollide::search {
 namespace {

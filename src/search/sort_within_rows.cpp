@@ -2,12 +2,7 @@
 
 #include <algorithm>
 
-#if defined(__x86_64__) && defined(__GNUC__)
-#define FC_HAS_X86_SIMD 1
-#include <immintrin.h>
-#else
-#define FC_HAS_X86_SIMD 0
-#endif
+#include "../backend/x86_vectors.hpp"
 
 namespace fastcollide::search {
 namespace {
