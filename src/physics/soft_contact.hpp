@@ -79,15 +79,14 @@ FC_HOST_DEVICE inline float resting_push(float depth, float smaller_radius, floa
   return smaller(smaller(depth, deepest_push_in_radii * smaller_radius) * (spring / law.substep), fastest);
 }
 
-// Whether a sphere bounces off a wall, now or as soon as it touches, or is caught by it as by a resting contact. Where
-// others are near, an impact is what is fast. A sphere alone (no contact was counted in the substep before) bounces as
-// long as it then flies for two substeps: it leaves at |g| h or more. `depth` and `normal_velocity`: before gravity.
+// Whether a sphere bounces off a wall, now or as soon as it touches, or is caught by it as by a resting contact. One
+// that no resting contact holds bounces as long as it then flies for two substeps: it leaves at |g| h or more.
+// `depth` and `normal_velocity`: before the gravity of this substep.
 FC_HOST_DEVICE inline bool bounces_off_wall(float depth, float normal_velocity, float pull, float restitution,
                                             float crowding, const SoftContactLaw& law) {
   if (is_held(crowding) || normal_velocity >= 0.0f) return false;
   if (normal_velocity < -law.impact_speed) return true;
-  const bool is_alone = crowding == 0.0f;
-  return is_alone && restitution * touching_speed(depth, normal_velocity, pull) >= law.gravity * law.substep;
+  return restitution * touching_speed(depth, normal_velocity, pull) >= law.gravity * law.substep;
 }
 
 }  // namespace fastcollide

@@ -247,8 +247,8 @@ def test_when_a_ball_rests_does_not_hang_on_where_in_a_substep_it_touches(device
 
 
 @pytest.mark.parametrize(("speed", "rebound"), [(2.0, 1.6), (1.0, 0.0)], ids=["bounces", "rests"])
-def test_a_slow_sphere_that_nothing_else_touches(device, speed, rebound):
-    """Falling along a wall, it bounces off if it leaves at |g| h or more; here |g| h = 1/32 m/s, e = 0.8."""
+def test_a_slow_sphere_meets_a_wall(device, speed, rebound):
+    """Falling along it, the sphere bounces off if it leaves at |g| h or more; here speeds are in |g| h, e = 0.8."""
     world = world_of(
         device, bounds=((0, 0, 0), (1, 1, 1)), boundary=("wall", "open", "open"), gravity=(0, 0, -9.6), iterations=5
     )
@@ -259,8 +259,8 @@ def test_a_slow_sphere_that_nothing_else_touches(device, speed, rebound):
     np.testing.assert_allclose(velocities_of(world)[0], (rebound * unit, 0, -3 * 9.6 * DT), atol=1e-6)
 
 
-def test_two_that_touch_land_without_a_bounce(device):
-    """At two substeps of gravity, where one alone would bounce."""
+def test_two_that_hold_each_other_land_without_a_bounce(device):
+    """At a speed of two substeps of gravity, where one alone would bounce."""
     unit = 9.6 / 60 / 5
     world = fc.World(((0, 0, 0), (2, 2, 2)), gravity=(0, 0, -9.6), drag=0.0, floor_restitution=0.8, device=device)
     world.add(position=[(0.5, 1, 0.2501), (0.9999, 1, 0.2501)], velocity=(0, 0, -2 * unit), radius=0.25)
@@ -377,11 +377,11 @@ def test_a_large_sphere_on_a_bed_of_small_ones(device, ratio, layers):
 
 
 def test_piles_come_to_rest(device):
-    """Spheres of the report, as deep as there, in columns that repeat sideways. The median of four of 800: one pile in
-    sixteen is shaken in its last second by a small sphere that springs out between large ones."""
+    """Spheres of the report, as deep as there, in columns that repeat sideways. The median of seven of 800: one pile in
+    six is faster, shaken by a small sphere that falls through it or by a place that gives way."""
     bounds = ((0, 0, 0), (4, 4, 20))
     speeds = []
-    for seed in range(1, 5):
+    for seed in range(1, 8):
         world = fc.World(bounds, ("periodic", "periodic", "wall"), drag=0.0, device=device)
         world.add(fc.random_spheres(800, bounds, seed=seed))
         mass = fc.to_numpy(world.masses).astype(np.float64)
