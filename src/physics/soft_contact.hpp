@@ -8,6 +8,7 @@
 
 #include "contact.hpp"
 #include "crowding.hpp"
+#include "wall.hpp"
 
 namespace fastcollide {
 
@@ -76,6 +77,16 @@ FC_HOST_DEVICE inline Vec3 relative_gravity(Vec3 gravity, float other_mass) {
 FC_HOST_DEVICE inline float resting_push(float depth, float smaller_radius, float crowding, const SoftContactLaw& law) {
   const float fastest = crowding <= most_crowding_of_one_contact ? fastest_lone_push : fastest_push;
   return smaller(smaller(depth, deepest_push_in_radii * smaller_radius) * (spring / law.substep), fastest);
+}
+
+// Whether a sphere bounces off a wall, now or as soon as it touches, or is caught by it as by a resting contact. One
+// that no resting contact holds bounces as long as it then flies for two substeps: it leaves at |g| h or more.
+// `depth` and `normal_velocity`: before the gravity of this substep.
+FC_HOST_DEVICE inline bool bounces_off_wall(float depth, float normal_velocity, float pull, float restitution,
+                                            float crowding, const SoftContactLaw& law) {
+  if (is_held(crowding) || normal_velocity >= 0.0f) return false;
+  if (normal_velocity < -law.impact_speed) return true;
+  return restitution * touching_speed(depth, normal_velocity, pull) >= law.gravity * law.substep;
 }
 
 }  // namespace fastcollide

@@ -80,6 +80,16 @@ FC_HOST_DEVICE inline float deepest_in_walls(Vec3 position, float radius, const 
 // Of the six in the order of visit_walls.
 inline constexpr int floor_side = 4;
 
+FC_HOST_DEVICE inline float wall_restitution(const WallMaterial& wall, int side, float own_restitution) {
+  return side == floor_side ? wall.floor_restitution : own_restitution;
+}
+
+// Speed along the normal at which a sphere in free flight touches a wall [m/s]: v² - 2 a x is the same all the way.
+// `pull`: gravity along the normal [m/s²]; `depth` is negative before the two touch.
+FC_HOST_DEVICE inline float touching_speed(float depth, float normal_velocity, float pull) {
+  return square_root(larger(normal_velocity * normal_velocity + 2.0f * pull * depth, 0.0f));
+}
+
 // Calls visit(normal, depth, side) for each wall; the normal points inwards, depth is how far the sphere reaches
 // in. One loop and not six copies of what is visited: a GPU waits for code that it has not at hand.
 template <class Visit>

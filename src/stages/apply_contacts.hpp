@@ -33,8 +33,7 @@ struct ApplyContacts {
     }
     auto visit_wall = [&](Vec3 normal, float depth, int side) {
       collide_with_wall(self, slot, normal, depth + dot(self.position - position, normal),
-                        side == floor_side ? substep.wall.floor_restitution : self.restitution, position, velocity,
-                        spin, is_free);
+                        wall_restitution(substep.wall, side, self.restitution), position, velocity, spin, is_free);
     };
     // Most spheres are farther from all walls than an impact may have moved them.
     const Vec3 moved = self.position - position;
@@ -124,11 +123,11 @@ struct ApplyContacts {
     const SoftContactLaw& law = substep.law;
     const float pull = dot(substep.gravity, normal);
     const float before = dot(self.velocity, normal) - pull * law.substep;
-    if (!(before < -law.impact_speed) || is_held(grid.crowding[slot])) {
+    if (!bounces_off_wall(depth, before, pull, restitution, grid.crowding[slot], law)) {
       is_free = false;
       return;
     }
-    const float time_since = smaller(depth / -before, law.substep);
+    const float time_since = smaller(2.0f * depth / (touching_speed(depth, before, pull) - before), law.substep);
     const float at_touch = smaller(before - pull * time_since, 0.0f);
     const float impulse =
         larger(pull * (time_since + law.substep) - restitution * at_touch - dot(velocity, normal), 0.0f);

@@ -157,9 +157,9 @@ struct GatherContacts {
     auto visit_wall = [&](Vec3 normal, float depth, int side) {
       if (depth <= nearest) return;
       const float approach = dot(self.velocity, normal);
-      const float approach_before_gravity = approach - dot(substep.gravity, normal) * law.substep;
-      // An impact: see ApplyContacts.
-      if (!is_held(known_crowding) && approach_before_gravity < -law.impact_speed) return;
+      const float pull = dot(substep.gravity, normal), before = approach - pull * law.substep;
+      const float restitution = wall_restitution(substep.wall, side, self.restitution);
+      if (bounces_off_wall(depth, before, pull, restitution, known_crowding, law)) return;  // see ApplyContacts
       const float closing = depth / law.substep - approach;  // > 0: in touch at the end of the substep
       if (depth <= 0.0f && closing <= 0.0f) return;
       ++sum.contacts;

@@ -207,11 +207,7 @@ def test_a_wall_reverses_at_the_time_of_touching(device, axis, side):
 
 
 def test_bounces_of_a_ball_that_comes_to_rest(device):
-    """From h = 1 m with e = 0.8: h e², h e⁴, h e⁶, at rest after √(2h/g) (1 + e)/(1 - e) = 4.0637 s.
-
-    An approach slower than three substeps of gravity is no impact any more, and the ball comes to rest a little early:
-    the total time needs dt = 1/240 s to be right to 1 %; at 1/60 s it is 1.6 % short.
-    """
+    """From h = 1 m with e = 0.8: h e², h e⁴, h e⁶, at rest after √(2h/g) (1 + e)/(1 - e) = 4.0637 s."""
     rests_at = {}
     for dt in (1 / 60, 1 / 240):
         world = fc.World(
@@ -225,13 +221,55 @@ def test_bounces_of_a_ball_that_comes_to_rest(device):
         height, velocity = np.array(states).T
         top = 1 + np.flatnonzero((velocity[:-1] > 0) & (velocity[1:] <= 0))
         peaks = height[top] + velocity[top] ** 2 / (2 * 9.81)
-        np.testing.assert_allclose(peaks[:3], (0.64, 0.4096, 0.262144), rtol=0.01)
+        np.testing.assert_allclose(peaks[:3], (0.64, 0.4096, 0.262144), rtol=1e-4)
         moves = np.flatnonzero(np.abs(velocity) > 1e-3)
         rests_at[dt] = (moves[-1] + 2) * dt  # at the end of the first frame that is still
         assert abs(height[-1]) < 1e-3 * 0.1
 
-    assert rests_at[1 / 60] == pytest.approx(4.0637, rel=0.02)
-    assert rests_at[1 / 240] == pytest.approx(4.0637, rel=0.01)
+    assert rests_at[1 / 60] == pytest.approx(4.0637, rel=0.01)
+    assert rests_at[1 / 240] == pytest.approx(4.0637, rel=0.0025)
+
+
+@pytest.mark.parametrize("e", [0.8, 0.95])
+def test_when_a_ball_rests_does_not_hang_on_where_in_a_substep_it_touches(device, e):
+    """100 balls from 1 to 3 m, at 60 frames a second: all within 1 % of √(2h/g) (1 + e)/(1 - e)."""
+    heights = np.linspace(1, 3, 100)
+    x, y = np.divmod(np.arange(100), 10)
+    world = fc.World(((0, 0, 0), (10, 10, 4)), gravity=(0, 0, -9.81), drag=0.0, floor_restitution=e, device=device)
+    world.add(position=np.column_stack((x + 0.5, y + 0.5, heights + 0.1)), radius=0.1)
+    expected = np.sqrt(2 * heights / 9.81) * (1 + e) / (1 - e)
+    rests_at = np.zeros(100)
+    for frame in range(1, round(1.1 * expected.max() / DT)):
+        world.step(1, DT)
+        rests_at[np.abs(velocities_of(world)[:, 2]) > 1e-3] = (frame + 1) * DT
+
+    np.testing.assert_allclose(rests_at, expected, rtol=0.01)
+
+
+@pytest.mark.parametrize(("speed", "rebound"), [(2.0, 1.6), (1.0, 0.0)], ids=["bounces", "rests"])
+def test_a_slow_sphere_meets_a_wall(device, speed, rebound):
+    """Falling along it, the sphere bounces off if it leaves at |g| h or more; here speeds are in |g| h, e = 0.8."""
+    world = world_of(
+        device, bounds=((0, 0, 0), (1, 1, 1)), boundary=("wall", "open", "open"), gravity=(0, 0, -9.6), iterations=5
+    )
+    unit = 9.6 / 60 / 5
+    world.add(position=(0.251, 0.5, 0.5), velocity=(-speed * unit, 0, 0), radius=0.25, restitution=0.8)
+    world.step(3, DT)
+
+    np.testing.assert_allclose(velocities_of(world)[0], (rebound * unit, 0, -3 * 9.6 * DT), atol=1e-6)
+
+
+def test_two_that_hold_each_other_land_without_a_bounce(device):
+    """At a speed of two substeps of gravity, where one alone would bounce."""
+    unit = 9.6 / 60 / 5
+    world = fc.World(((0, 0, 0), (2, 2, 2)), gravity=(0, 0, -9.6), drag=0.0, floor_restitution=0.8, device=device)
+    world.add(position=[(0.5, 1, 0.2501), (0.9999, 1, 0.2501)], velocity=(0, 0, -2 * unit), radius=0.25)
+    fastest = 0.0
+    for _ in range(30):
+        world.step(1, DT)
+        fastest = max(fastest, velocities_of(world)[:, 2].max())
+
+    assert fastest < 0.1 * unit
 
 
 def test_nothing_is_pressed_deep_into_the_floor(device):
@@ -339,11 +377,11 @@ def test_a_large_sphere_on_a_bed_of_small_ones(device, ratio, layers):
 
 
 def test_piles_come_to_rest(device):
-    """Spheres of the report, as deep as there, in columns that repeat sideways. The median of four of 800: one pile in
-    sixteen is shaken in its last second by a small sphere that springs out between large ones."""
+    """Spheres of the report, as deep as there, in columns that repeat sideways. The median of seven of 800: one pile in
+    six is faster, shaken by a small sphere that falls through it or by a place that gives way."""
     bounds = ((0, 0, 0), (4, 4, 20))
     speeds = []
-    for seed in range(1, 5):
+    for seed in range(1, 8):
         world = fc.World(bounds, ("periodic", "periodic", "wall"), drag=0.0, device=device)
         world.add(fc.random_spheres(800, bounds, seed=seed))
         mass = fc.to_numpy(world.masses).astype(np.float64)
