@@ -131,7 +131,6 @@ class FrameRuns {
     for (auto* constants : {&constants_, &other_constants_}) constants->resize(count, is_rough);
     built_.resize(count);
     cell_of_slot_.resize(count);
-    rank_of_slot_.resize(count);
     velocity_change_.resize(is_substep ? count : 0);
     turn_.resize(is_rough ? count : 0);
     pick_.resize(is_substep ? count : 0);
@@ -159,6 +158,7 @@ class FrameRuns {
   }
   // Longer lists are a wish: where memory has no room for them, they stay as long as they were.
   void resize_lists(std::int64_t count) {
+    const std::int64_t before = list_entries_.size();
     try {
       list_entries_.resize(list_places(count));
     } catch (const OutOfMemory&) {
@@ -168,6 +168,8 @@ class FrameRuns {
       list_entries_.resize(list_places(count));
     }
     needed_rows_ = rows_;
+    // Passes ask for entries before they know whether there are any.
+    if (list_entries_.size() != before) backend_.fill_zero(list_entries_.data(), list_entries_.size());
   }
   std::int64_t list_places(std::int64_t count) const {
     const std::int64_t width = B::list_width;
@@ -204,7 +206,6 @@ class FrameRuns {
     world.other_constants = other_constants_.view();
     world.built = built_.data();
     world.cell_of_slot = cell_of_slot_.data();
-    world.rank_of_slot = rank_of_slot_.data();
     world.cell_counts = cell_counts_.data();
     world.cell_start = cell_start_.data();
     world.cell_end = cell_end_.data();
@@ -249,9 +250,9 @@ class FrameRuns {
   SlotConstantBuffers<B> constants_{backend_}, other_constants_{backend_};
   typename B::template Buffer<Vec4> built_{backend_};
   typename B::template Buffer<Vec3> velocity_change_{backend_}, turn_{backend_};
-  typename B::template Buffer<std::uint32_t> cell_of_slot_{backend_}, rank_of_slot_{backend_}, cell_counts_{backend_},
-      cell_start_{backend_}, cell_end_{backend_}, pick_{backend_}, list_entries_{backend_}, list_counts_{backend_},
-      chunk_of_slot_{backend_}, chunk_entries_{backend_};
+  typename B::template Buffer<std::uint32_t> cell_of_slot_{backend_}, cell_counts_{backend_}, cell_start_{backend_},
+      cell_end_{backend_}, pick_{backend_}, list_entries_{backend_}, list_counts_{backend_}, chunk_of_slot_{backend_},
+      chunk_entries_{backend_};
   typename B::template Buffer<std::uint64_t> stray_heads_[2]{typename B::template Buffer<std::uint64_t>(backend_),
                                                              typename B::template Buffer<std::uint64_t>(backend_)};
   typename B::template Buffer<StrayRecord> stray_records_[2]{typename B::template Buffer<StrayRecord>(backend_),

@@ -26,7 +26,7 @@ struct FrameWorld {
   Vec4* built;  // place, radius and skin
   GridShape shape;
   std::int64_t cells;
-  std::uint32_t *cell_of_slot, *rank_of_slot, *cell_counts, *cell_start, *cell_end;
+  std::uint32_t *cell_of_slot, *cell_counts, *cell_start, *cell_end;
   FrameLists lists;
   Strays strays, other_strays;  // of the passes with an even and an odd number
   SkinLaw skin;
@@ -38,6 +38,7 @@ struct FrameWorld {
   MemoryPass memory;  // of the next pass
 
   GridView grid() const { return view_of(state, constants, count, period_of(frame.substep.box)); }
+  CellCounter counter() const { return {shape, cell_of_slot, cell_counts}; }
   SortedSlots sorted() const { return {shape, cell_start, cell_end, built, skin}; }
   Strays strays_of(std::uint32_t pass) const {
     Strays found = pass % 2 == 0 ? strays : other_strays;
@@ -53,12 +54,12 @@ struct FrameWorld {
     return {sorted(), lists, strays_of(pass == 0 ? 0 : pass - 1), pass == 0, age_after(pass)};
   }
   ToFrameSlots to_slots(std::uint32_t pass) const {
-    return {other_state, period_of(frame.substep.box), sorted(), strays_of(pass), age_after(pass + 1)};
+    return {other_state, period_of(frame.substep.box), sorted(), strays_of(pass), lists.counts, age_after(pass + 1)};
   }
   ToNextFrame to_next_frame(bool is_last) const {
     const Substep& step = frame.substep;
     return {other_state,
-            {shape, cell_of_slot, rank_of_slot, cell_counts},
+            counter(),
             {step.flight, step.box, step.wall, 0, &control->watch},
             frame.solver == Solver::reference,
             is_last,
@@ -120,8 +121,7 @@ template <bool has_walls, class Run>
 void make_frame_lists(Run& run, FrameWorld& world) {
   run.allocate_cells(Stage::build_grid, world);
   run.for_each(Stage::build_grid, world.count,
-               ScatterFrameSlots{world.cell_of_slot,
-                                 world.rank_of_slot,
+               ScatterFrameSlots{world.counter(),
                                  world.cell_start,
                                  world.skin,
                                  {world.state, world.other_state, world.constants, world.other_constants},

@@ -60,7 +60,7 @@ inline constexpr int cell_block_threads = 256, cells_of_thread = 4,
                      cells_of_block = cell_block_threads * cells_of_thread;
 
 inline __global__ void __launch_bounds__(cell_block_threads)
-    allocate_cell_block(std::uint32_t* counts, std::uint32_t* start, std::uint32_t* end, std::int64_t cells,
+    allocate_cell_block(const std::uint32_t* counts, std::uint32_t* start, std::uint32_t* end, std::int64_t cells,
                         std::int64_t cells_each, std::uint32_t* next_slot) {
   using Load = cub::BlockLoad<std::uint32_t, cell_block_threads, cells_of_thread, cub::BLOCK_LOAD_WARP_TRANSPOSE>;
   using Scan = cub::BlockScan<std::uint32_t, cell_block_threads>;
@@ -88,7 +88,6 @@ inline __global__ void __launch_bounds__(cell_block_threads)
   Store(shared.store).Store(start + first, place, own);
   __syncthreads();
   Store(shared.store).Store(end + first, count, own);
-  for (int i = threadIdx.x; i < own; i += cell_block_threads) counts[first + i] = 0;
 }
 
 // Graphs of some frames, as long as their kernels' arguments stay the same.
@@ -167,7 +166,6 @@ class GraphRun {
       if (row > cells_of_block) {
         backend_.copy(world.cell_start, static_cast<const std::uint32_t*>(world.cell_counts), world.cells);
         backend_.exclusive_scan(world.cell_start, world.cells);
-        backend_.fill_zero(world.cell_counts, world.cells);
         world.cell_end = world.cell_start + 1;
         return;
       }

@@ -59,6 +59,8 @@ struct Drift {
 // looks through the grid in each pass.
 struct FrameLists {
   static constexpr std::uint32_t chunk_places = 96;
+  static constexpr std::uint32_t fewest_rows = 4;          // read at once, whatever the count is
+  static constexpr std::uint32_t stray_bit = 0x80000000u;  // in a count: the sphere has left its skin
 
   std::uint32_t* entries;
   std::uint32_t* counts;
@@ -70,8 +72,8 @@ struct FrameLists {
 
   FC_HOST_DEVICE std::uint32_t lanes() const { return 1u << lane_bits; }
   FC_HOST_DEVICE std::uint32_t places() const { return rows << lane_bits; }  // of a sphere without a chunk
-  FC_HOST_DEVICE std::uint32_t places_of(std::int64_t slot) const {
-    if (chunks == 0 || counts[slot] <= rows || chunk_of_slot[slot] == 0) return places();
+  FC_HOST_DEVICE std::uint32_t places_of(std::int64_t slot, std::uint32_t count) const {
+    if (chunks == 0 || count <= rows || chunk_of_slot[slot] == 0) return places();
     return rows + chunk_places;
   }
   // As chunk_of_slot.
@@ -137,25 +139,34 @@ struct Strays {
     }
   }
 
-  FC_HOST_DEVICE bool are_there() const { return control->stray_records[pass % 3] != 0; }
-
-  // Calls visit(slot) for those near the position.
+  FC_HOST_DEVICE std::uint64_t head_near(Vec3 position) const {
+    return heads[cell_hash(cell_of(position, coarse), coarse)];
+  }
+  FC_HOST_DEVICE bool is_of_pass(std::uint64_t head) const { return static_cast<std::uint32_t>(head >> 32) == stamp(); }
+  // Calls visit(slot) for those of a cell's chain.
   template <class Visit>
-  FC_HOST_DEVICE void visit(Vec3 position, Visit& visit) const {
-    const std::uint64_t head = heads[cell_hash(cell_of(position, coarse), coarse)];
-    if (static_cast<std::uint32_t>(head >> 32) != stamp()) return;
+  FC_HOST_DEVICE void visit(std::uint64_t head, Visit& visit) const {
     for (auto place = static_cast<std::uint32_t>(head); place != no_stray; place = records[place].next) {
       visit(records[place].slot);
     }
   }
 };
 
+// Where near spheres are only looked for, a GPU fuses what else takes five instructions.
+FC_HOST_DEVICE inline float distance_squared_to_search(Vec3 offset) {
+#if defined(__CUDA_ARCH__)
+  return __fmaf_rn(offset.x, offset.x, __fmaf_rn(offset.y, offset.y, offset.z * offset.z));
+#else
+  return dot(offset, offset);
+#endif
+}
+
 // A ball that holds a sphere as long as it stays in its skin: place, radius and skin. Two spheres are listed when the
 // balls come within reach of each other; the same bits whichever of the two comes first.
 FC_HOST_DEVICE inline bool are_listed(Vec4 a, Vec4 b, Vec3 period, float reach) {
   const Vec3 offset = separation({a.x, a.y, a.z}, {b.x, b.y, b.z}, period);
   const float range = (a.w + b.w) + reach;
-  return dot(offset, offset) <= range * range;
+  return distance_squared_to_search(offset) <= range * range;
 }
 
 // A fiftieth of the skin makes up for rounding: distances are right to a few 2^-24 and the skin is no thinner than a
@@ -187,11 +198,14 @@ FC_HOST_DEVICE inline void visit_sorted(const SortedSlots& sorted, Vec3 position
   const CellRange ys = cells_within(position.y, range, shape.y);
   const CellRange zs = cells_within(position.z, range, shape.z);
   const int inside = xs.first + xs.count <= shape.x.cells ? xs.count : shape.x.cells - xs.first;
+  const auto cell_at = [](const CellRange& cells, int i, const GridAxis& axis) {
+    return axis.boundary == Boundary::wall ? cells.first + i : cell_in_range(cells, i, axis);
+  };
   int y = lane.index, z = 0;
   for (;;) {
     for (; y >= ys.count; y -= ys.count) ++z;
     if (z >= zs.count) return;
-    const std::uint32_t row = cell_hash({0, cell_in_range(ys, y, shape.y), cell_in_range(zs, z, shape.z)}, shape);
+    const std::uint32_t row = cell_hash({0, cell_at(ys, y, shape.y), cell_at(zs, z, shape.z)}, shape);
     const auto visit_run = [&](int first, int cells) {
       const std::uint32_t end = sorted.cell_end[row + static_cast<std::uint32_t>(first + cells - 1)];
       for (std::uint32_t slot = sorted.cell_start[row + static_cast<std::uint32_t>(first)]; slot < end; ++slot) {
@@ -271,7 +285,7 @@ struct RecordFrameLists {
       lists.counts[slot] = found;
       if (found <= lists.rows) return;
       lists.chunk_of_slot[slot] = chunk;
-      if (found > lists.places_of(slot)) atomic_add(&control->void_lists, 1);
+      if (found > lists.places_of(slot, found)) atomic_add(&control->void_lists, 1);
     }
   }
 };
@@ -291,28 +305,72 @@ struct FrameListNeighbors {
 
   template <class Visit>
   FC_HOST_DEVICE void visit(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane, Visit& visit) const {
+    // All that a GPU can ask for at once, before it knows how much of it counts.
     std::uint32_t* list = lists.of_lane(slot, static_cast<std::uint32_t>(lane.index));
-    const bool is_void = lists.counts[slot] > lists.places_of(slot);
-    const std::uint32_t all = is_void ? 0 : lists.counts[slot];
+    std::uint32_t first[FrameLists::fewest_rows];
+    FC_UNROLL
+    for (std::uint32_t k = 0; k < FrameLists::fewest_rows; ++k) first[k] = list[std::int64_t(k) * lists.stride()];
+    const std::uint64_t head = is_first ? 0 : strays.head_near(position);
+    const std::uint32_t count = lists.counts[slot];
+    const std::uint32_t wanted = count & ~FrameLists::stray_bit;
+    const bool is_void = wanted > lists.places_of(slot, wanted);
+    const std::uint32_t all = is_void ? 0 : wanted;
     // Entries of this lane, and the first row that no lane uses.
     const std::uint32_t own = (all + lists.lanes() - 1 - static_cast<std::uint32_t>(lane.index)) >> lists.lane_bits;
     const std::uint32_t rows = (all + lists.lanes() - 1) >> lists.lane_bits;
     std::uint32_t* chunk = nullptr;
     if (lane.count == 1 && all > lists.rows) chunk = lists.entries_of_chunk(lists.chunk_of_slot[slot]);
     std::uint32_t unlisted = 0;
-    if (!is_first && strays.are_there()) {
-      unlisted = write_unlisted(grid, slot, position, lane, list, chunk, rows);
+    const bool is_stray = count != wanted, are_strays_near = !is_first && strays.is_of_pass(head);
+    if (is_stray || are_strays_near) {
+      unlisted = write_unlisted(grid, slot, position, lane, list, chunk, rows, is_stray, are_strays_near ? head : 0);
     }
     const auto slot_at = [&](std::uint32_t i) {
       const std::uint32_t row = i < own ? i : i - own + rows;
       return lane.count == 1 && row >= lists.rows ? chunk[row - lists.rows] : list[std::int64_t(row) * lists.stride()];
     };
-    visit_near(grid.position_radius, grid.period, position, grid.position_radius[slot].w + sorted.law.reach,
-               own + unlisted, slot_at, visit);
+    const float range = grid.position_radius[slot].w + sorted.law.reach;
+    visit_entries(grid, slot, position, range, first, own, own + unlisted, slot_at, visit);
     if (is_void) visit_grid(grid, slot, lane, visit);
   }
 
  private:
+  // As visit_near(), where the slots of the first entries, of which `listed` count, are at hand.
+  template <class SlotAt, class Visit>
+  FC_HOST_DEVICE static void visit_entries(const GridView& grid, std::int64_t slot, Vec3 position, float range,
+                                           const std::uint32_t (&first)[FrameLists::fewest_rows], std::uint32_t listed,
+                                           std::uint32_t count, const SlotAt& slot_at, Visit& visit) {
+    constexpr std::uint32_t at_once = FrameLists::fewest_rows;
+    std::uint32_t near = 0;
+    const auto look_at = [&](const Vec4(&there)[at_once], std::uint32_t bit, std::uint32_t end) {
+      FC_UNROLL
+      for (std::uint32_t k = 0; k < at_once; ++k) {
+        const Vec3 offset = separation(position, {there[k].x, there[k].y, there[k].z}, grid.period);
+        const float most = (range + there[k].w) * 1.00001f;
+        if (bit + k < end && distance_squared_to_search(offset) <= most * most) near |= 1u << (bit + k);
+      }
+    };
+    Vec4 there[at_once];
+    FC_UNROLL
+    for (std::uint32_t k = 0; k < at_once; ++k) {
+      there[k] = grid.position_radius[k < listed ? first[k] : static_cast<std::uint32_t>(slot)];
+    }
+    look_at(there, 0, listed);
+    std::uint32_t next = listed < at_once ? listed : at_once;
+    for (std::uint32_t begin = 0; begin < count; begin += 32) {
+      const std::uint32_t end = count - begin < 32 ? count : begin + 32;
+      for (; next < end; next += at_once) {
+        FC_UNROLL
+        for (std::uint32_t k = 0; k < at_once; ++k) {
+          there[k] = grid.position_radius[slot_at(next + k < end ? next + k : end - 1)];
+        }
+        look_at(there, next - begin, end - begin);
+      }
+      next = end;
+      for (; near != 0; near &= near - 1) visit(slot_at(begin + static_cast<std::uint32_t>(lowest_bit(near))));
+    }
+  }
+
   // What the list should hold.
   template <class Visit>
   FC_HOST_DEVICE void visit_grid(const GridView& grid, std::int64_t slot, Lane lane, Visit& visit) const {
@@ -325,7 +383,8 @@ struct FrameListNeighbors {
 
   // Behind the list, from `row` on, for this pass alone: what only strays bring near. Returns how many.
   FC_HOST_DEVICE std::uint32_t write_unlisted(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane,
-                                              std::uint32_t* list, std::uint32_t*& chunk, std::uint32_t row) const {
+                                              std::uint32_t* list, std::uint32_t*& chunk, std::uint32_t row,
+                                              bool may_be_stray, std::uint64_t head) const {
     const Vec4 self = sorted.balls[slot];
     const float radius = grid.position_radius[slot].w;
     const Vec3 drifted = strays.control->drift * age, start = position - drifted;
@@ -355,8 +414,8 @@ struct FrameListNeighbors {
     auto share = [&](std::uint32_t other) {
       if (turn++ % lane.count == lane.index) write(other);
     };
-    strays.visit(position, share);
-    if (!is_out_of_skin(self, radius, start, grid.period)) return found;
+    if (head != 0) strays.visit(head, share);
+    if (!may_be_stray || !is_out_of_skin(self, radius, start, grid.period)) return found;
     // A stray finds the others, which are still in their skins, where the sort has put them.
     const float range = radius + sorted.law.reach;
     auto write_if_near = [&](std::uint32_t other, Vec4 ball) {
@@ -377,6 +436,7 @@ struct ToFrameSlots {
   Vec3 period;
   SortedSlots sorted;
   Strays strays;
+  std::uint32_t* list_counts;
   float age;          // of the lists after this pass, 0 where skins stay where they are [s]
   Vec4 ball = {};     // of the slot
   Vec3 drifted = {};  // way of its skin since the lists were made [m]
@@ -396,6 +456,7 @@ struct ToFrameSlots {
     to.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, sphere.restitution};
     if (to.spins != nullptr) to.spins[slot] = spin;
     if (is_out_of_skin(ball, sphere.radius, position - drifted, period)) {
+      list_counts[slot] |= FrameLists::stray_bit;
       strays.add(static_cast<std::uint32_t>(slot), position,
                  sphere.radius + sorted.law.reach + sorted.law.largest_radius);
     }

@@ -7,17 +7,19 @@
 
 namespace fastcollide {
 
-// Where spheres are counted into cells before they are sorted.
+// Where spheres are counted into cells before they are sorted. Nobody waits here for what a count was: the sort takes
+// the places of a cell from the last one down, which leaves all counts at zero.
 struct CellCounter {
   GridShape shape;
-  std::uint32_t *cells, *ranks;  // of each slot; its place among those of its cell
+  std::uint32_t* cells;  // of each slot
   std::uint32_t* cell_counts;
 
   FC_HOST_DEVICE void count(std::int64_t slot, Vec3 position) const {
     const std::uint32_t cell = cell_hash(cell_of(position, shape), shape);
     cells[slot] = cell;
-    ranks[slot] = atomic_add(cell_counts + cell, 1);
+    atomic_add(cell_counts + cell, 1);
   }
+  FC_HOST_DEVICE std::uint32_t take_place(std::uint32_t cell) const { return atomic_add(cell_counts + cell, ~0u) - 1; }
 };
 
 // Writes the last state of a frame to the other copy of the slots and, where there is a next one, begins it: the
@@ -48,7 +50,8 @@ struct ToNextFrame {
 };
 
 struct ScatterFrameSlots {
-  const std::uint32_t *cells, *ranks, *cell_start;
+  CellCounter counter;
+  const std::uint32_t* cell_start;
   SkinLaw law;
   SlotMove move;
   Vec4* built;
@@ -57,7 +60,7 @@ struct ScatterFrameSlots {
   FrameControl* control;
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
-    const std::uint32_t place = cell_start[cells[slot]] + ranks[slot];
+    const std::uint32_t cell = counter.cells[slot], place = cell_start[cell] + counter.take_place(cell);
     const Vec4 here = move.from.position_radius[slot];
     move(slot, place);
     const Vec3 velocity = move.velocity_of(slot);
