@@ -216,7 +216,7 @@ FC_HOST_DEVICE inline void watch_flight(Watch* watch, std::uint32_t id, Vec3 fli
   if (!(in_radii > 1.0f)) return;
   std::uint64_t longest = bits_of(smaller(in_radii, 1e18f)), spheres = 1;
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
-  // Once for all lanes that are here: in a frame of the report's loop half of all spheres may be.
+  // Once for all lanes that are here: in a frame of the report's loop many are.
   const unsigned lanes = __activemask();
   longest = __reduce_max_sync(lanes, static_cast<unsigned>(longest));
   spheres = static_cast<unsigned>(__popc(lanes));

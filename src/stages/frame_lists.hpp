@@ -59,8 +59,8 @@ struct Drift {
 // looks through the grid in each pass.
 struct FrameLists {
   static constexpr std::uint32_t chunk_places = 96;
-  static constexpr std::uint32_t fewest_rows = 4;          // read at once, whatever the count is
-  static constexpr std::uint32_t stray_bit = 0x80000000u;  // in a count: the sphere has left its skin
+  static constexpr std::uint32_t fewest_rows = NearSearch::at_once;  // read at once, whatever the count is
+  static constexpr std::uint32_t stray_bit = 0x80000000u;            // in a count: the sphere has left its skin
 
   std::uint32_t* entries;
   std::uint32_t* counts;
@@ -152,21 +152,12 @@ struct Strays {
   }
 };
 
-// Where near spheres are only looked for, a GPU fuses what else takes five instructions.
-FC_HOST_DEVICE inline float distance_squared_to_search(Vec3 offset) {
-#if defined(__CUDA_ARCH__)
-  return __fmaf_rn(offset.x, offset.x, __fmaf_rn(offset.y, offset.y, offset.z * offset.z));
-#else
-  return dot(offset, offset);
-#endif
-}
-
 // A ball that holds a sphere as long as it stays in its skin: place, radius and skin. Two spheres are listed when the
 // balls come within reach of each other; the same bits whichever of the two comes first.
 FC_HOST_DEVICE inline bool are_listed(Vec4 a, Vec4 b, Vec3 period, float reach) {
   const Vec3 offset = separation({a.x, a.y, a.z}, {b.x, b.y, b.z}, period);
   const float range = (a.w + b.w) + reach;
-  return distance_squared_to_search(offset) <= range * range;
+  return dot(offset, offset) <= range * range;
 }
 
 // A fiftieth of the skin makes up for rounding: distances are right to a few 2^-24 and the skin is no thinner than a
@@ -198,14 +189,11 @@ FC_HOST_DEVICE inline void visit_sorted(const SortedSlots& sorted, Vec3 position
   const CellRange ys = cells_within(position.y, range, shape.y);
   const CellRange zs = cells_within(position.z, range, shape.z);
   const int inside = xs.first + xs.count <= shape.x.cells ? xs.count : shape.x.cells - xs.first;
-  const auto cell_at = [](const CellRange& cells, int i, const GridAxis& axis) {
-    return axis.boundary == Boundary::wall ? cells.first + i : cell_in_range(cells, i, axis);
-  };
   int y = lane.index, z = 0;
   for (;;) {
     for (; y >= ys.count; y -= ys.count) ++z;
     if (z >= zs.count) return;
-    const std::uint32_t row = cell_hash({0, cell_at(ys, y, shape.y), cell_at(zs, z, shape.z)}, shape);
+    const std::uint32_t row = cell_hash({0, cell_in_range(ys, y, shape.y), cell_in_range(zs, z, shape.z)}, shape);
     const auto visit_run = [&](int first, int cells) {
       const std::uint32_t end = sorted.cell_end[row + static_cast<std::uint32_t>(first + cells - 1)];
       for (std::uint32_t slot = sorted.cell_start[row + static_cast<std::uint32_t>(first)]; slot < end; ++slot) {
@@ -329,48 +317,20 @@ struct FrameListNeighbors {
       const std::uint32_t row = i < own ? i : i - own + rows;
       return lane.count == 1 && row >= lists.rows ? chunk[row - lists.rows] : list[std::int64_t(row) * lists.stride()];
     };
-    const float range = grid.position_radius[slot].w + sorted.law.reach;
-    visit_entries(grid, slot, position, range, first, own, own + unlisted, slot_at, visit);
+    // The first entries, of which some may not count, are in `first` already.
+    Vec4 there[FrameLists::fewest_rows];
+    FC_UNROLL
+    for (std::uint32_t k = 0; k < FrameLists::fewest_rows; ++k) {
+      there[k] = grid.position_radius[k < own ? first[k] : static_cast<std::uint32_t>(slot)];
+    }
+    const NearSearch search{grid.position_radius, grid.period, position,
+                            grid.position_radius[slot].w + sorted.law.reach};
+    const std::uint32_t looked_at = own < FrameLists::fewest_rows ? own : FrameLists::fewest_rows;
+    search.visit(looked_at, search.near_of(there, 0, looked_at), own + unlisted, slot_at, visit);
     if (is_void) visit_grid(grid, slot, lane, visit);
   }
 
  private:
-  // As visit_near(), where the slots of the first entries, of which `listed` count, are at hand.
-  template <class SlotAt, class Visit>
-  FC_HOST_DEVICE static void visit_entries(const GridView& grid, std::int64_t slot, Vec3 position, float range,
-                                           const std::uint32_t (&first)[FrameLists::fewest_rows], std::uint32_t listed,
-                                           std::uint32_t count, const SlotAt& slot_at, Visit& visit) {
-    constexpr std::uint32_t at_once = FrameLists::fewest_rows;
-    std::uint32_t near = 0;
-    const auto look_at = [&](const Vec4(&there)[at_once], std::uint32_t bit, std::uint32_t end) {
-      FC_UNROLL
-      for (std::uint32_t k = 0; k < at_once; ++k) {
-        const Vec3 offset = separation(position, {there[k].x, there[k].y, there[k].z}, grid.period);
-        const float most = (range + there[k].w) * 1.00001f;
-        if (bit + k < end && distance_squared_to_search(offset) <= most * most) near |= 1u << (bit + k);
-      }
-    };
-    Vec4 there[at_once];
-    FC_UNROLL
-    for (std::uint32_t k = 0; k < at_once; ++k) {
-      there[k] = grid.position_radius[k < listed ? first[k] : static_cast<std::uint32_t>(slot)];
-    }
-    look_at(there, 0, listed);
-    std::uint32_t next = listed < at_once ? listed : at_once;
-    for (std::uint32_t begin = 0; begin < count; begin += 32) {
-      const std::uint32_t end = count - begin < 32 ? count : begin + 32;
-      for (; next < end; next += at_once) {
-        FC_UNROLL
-        for (std::uint32_t k = 0; k < at_once; ++k) {
-          there[k] = grid.position_radius[slot_at(next + k < end ? next + k : end - 1)];
-        }
-        look_at(there, next - begin, end - begin);
-      }
-      next = end;
-      for (; near != 0; near &= near - 1) visit(slot_at(begin + static_cast<std::uint32_t>(lowest_bit(near))));
-    }
-  }
-
   // What the list should hold.
   template <class Visit>
   FC_HOST_DEVICE void visit_grid(const GridView& grid, std::int64_t slot, Lane lane, Visit& visit) const {

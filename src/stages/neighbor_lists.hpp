@@ -92,28 +92,52 @@ FC_HOST_DEVICE inline void visit_runs(const GridShape& shape, const std::uint32_
   }
 }
 
-// Few of the spheres that a pass looks at are near: visit(other) is called for those within `range` plus their radius,
-// and perhaps for some a little beyond. Places are loaded four at a time, so that a GPU waits for memory once and not
-// four times, and the near ones of 32 are visited together, so that its lanes are busy at the same time.
+// Few of the spheres that a pass looks at are near. Places are loaded four at a time, so that a GPU waits for memory
+// once and not four times, and the near ones of 32 are visited together, so that its lanes are busy at the same time.
+struct NearSearch {
+  static constexpr std::uint32_t at_once = 4;
+
+  const Vec4* position_radius;
+  Vec3 period, position;
+  float range;
+
+  // A bit for each that is within `range` plus its radius, and perhaps for some a little beyond: those of `there` have
+  // the bits from `bit` on, as far as `end`.
+  FC_HOST_DEVICE std::uint32_t near_of(const Vec4 (&there)[at_once], std::uint32_t bit, std::uint32_t end) const {
+    std::uint32_t near = 0;
+    FC_UNROLL
+    for (std::uint32_t k = 0; k < at_once; ++k) {
+      const Vec3 offset = separation(position, {there[k].x, there[k].y, there[k].z}, period);
+      const float most = (range + there[k].w) * 1.00001f;
+      if (bit + k < end && dot(offset, offset) <= most * most) near |= 1u << (bit + k);
+    }
+    return near;
+  }
+
+  // Calls visit(other) for the near ones of `count`. The first `next` of them, 32 at most, have been looked at: `near`.
+  template <class SlotAt, class Visit>
+  FC_HOST_DEVICE void visit(std::uint32_t next, std::uint32_t near, std::uint32_t count, const SlotAt& slot_at,
+                            Visit& visit) const {
+    for (std::uint32_t begin = 0; begin < count; begin += 32) {
+      const std::uint32_t end = count - begin < 32 ? count : begin + 32;
+      for (; next < end; next += at_once) {
+        Vec4 there[at_once];
+        FC_UNROLL
+        for (std::uint32_t k = 0; k < at_once; ++k) {
+          there[k] = position_radius[slot_at(next + k < end ? next + k : end - 1)];
+        }
+        near |= near_of(there, next - begin, end - begin);
+      }
+      next = end;
+      for (; near != 0; near &= near - 1) visit(slot_at(begin + static_cast<std::uint32_t>(lowest_bit(near))));
+    }
+  }
+};
+
 template <class SlotAt, class Visit>
 FC_HOST_DEVICE inline void visit_near(const Vec4* position_radius, Vec3 period, Vec3 position, float range,
                                       std::uint32_t count, const SlotAt& slot_at, Visit& visit) {
-  for (std::uint32_t first = 0; first < count; first += 32) {
-    const std::uint32_t end = count - first < 32 ? count : first + 32;
-    std::uint32_t near = 0;
-    for (std::uint32_t i = first; i < end; i += 4) {
-      Vec4 there[4];
-      FC_UNROLL
-      for (std::uint32_t k = 0; k < 4; ++k) there[k] = position_radius[slot_at(i + k < end ? i + k : end - 1)];
-      FC_UNROLL
-      for (std::uint32_t k = 0; k < 4; ++k) {
-        const Vec3 offset = separation(position, {there[k].x, there[k].y, there[k].z}, period);
-        const float most = (range + there[k].w) * 1.00001f;
-        if (i + k < end && dot(offset, offset) <= most * most) near |= 1u << (i - first + k);
-      }
-    }
-    for (; near != 0; near &= near - 1) visit(slot_at(first + static_cast<std::uint32_t>(lowest_bit(near))));
-  }
+  NearSearch{position_radius, period, position, range}.visit(0, 0, count, slot_at, visit);
 }
 
 // Makes the lists of all spheres, right after a sort.
