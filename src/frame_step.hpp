@@ -1,9 +1,10 @@
-// Frames with lists made once for each: the same results as step.hpp, as a short chain of stages that asks the host for
-// nothing, so that a GPU can be given many frames at once.
+// Frames with lists made once for some of them: the same results as step.hpp, as a short chain of stages that asks the
+// host for nothing, so that a GPU can be given many frames at once.
 //
 // `Run` starts the stages: HostRun one after the other on a backend, GraphRun as nodes of a CUDA graph.
 #pragma once
 
+#include <type_traits>
 #include <utility>
 
 #include "frame_parameters.hpp"
@@ -18,6 +19,7 @@ namespace fastcollide {
 // Plain pointers and numbers. Stages get parts of it.
 struct FrameWorld {
   FrameParameters frame;
+  std::uint32_t frames_of_lists;  // in which they are kept
   std::int64_t count;
   bool is_new;  // slots that hold nothing yet
   BodyArrays bodies;
@@ -45,25 +47,26 @@ struct FrameWorld {
     found.pass = pass;
     return found;
   }
-  // Of the lists, after some passes; the reference solver does not fly between them.
-  float age_after(std::uint32_t passes) const {
-    const bool moves_skins = drift.samples > 0 && frame.solver == Solver::substep;
-    return moves_skins ? frame.substep.flight.dt * static_cast<float>(passes) : 0.0f;
+  // Which of the frames with these lists a pass belongs to.
+  std::uint32_t frame_of(std::uint32_t pass) const { return pass / static_cast<std::uint32_t>(frame.iterations); }
+  // Of the lists, before a pass; the reference solver flies at the end of a frame alone.
+  float age_at(std::uint32_t pass) const {
+    const std::uint32_t flights = frame.solver == Solver::substep ? pass : frame_of(pass);
+    return frame.substep.flight.dt * static_cast<float>(flights);
   }
   FrameListNeighbors neighbors(std::uint32_t pass) const {
-    return {sorted(), lists, strays_of(pass == 0 ? 0 : pass - 1), pass == 0, age_after(pass)};
+    return {sorted(), lists, strays_of(pass == 0 ? 0 : pass - 1), pass == 0, age_at(pass)};
   }
   ToFrameSlots to_slots(std::uint32_t pass) const {
-    return {other_state, period_of(frame.substep.box), sorted(), strays_of(pass), lists.counts, age_after(pass + 1)};
+    return {other_state, period_of(frame.substep.box), sorted(), strays_of(pass), lists.counts, age_at(pass + 1)};
+  }
+  ToFlyingSlots to_flying_slots(std::uint32_t pass) const { return {to_slots(pass), flight(), frame_of(pass + 1)}; }
+  AdvanceSphere flight() const {
+    const Substep& step = frame.substep;
+    return {step.flight, step.box, step.wall, 0, &control->watch};
   }
   ToNextFrame to_next_frame(bool is_last) const {
-    const Substep& step = frame.substep;
-    return {other_state,
-            counter(),
-            {step.flight, step.box, step.wall, 0, &control->watch},
-            frame.solver == Solver::reference,
-            is_last,
-            control};
+    return {other_state, counter(), flight(), frame.solver == Solver::reference, is_last, control};
   }
   void swap_state() { std::swap(state, other_state); }
 };
@@ -74,13 +77,14 @@ struct FramePass {
   static constexpr bool has_friction = is_rough;
   Pass pass;
   const FrameControl* control;
+  std::uint32_t frame;  // of those with the same lists
 
   FC_HOST_DEVICE Pass now() const {
     Pass here = in_known_world<is_rough, has_walls>(pass);
     if constexpr (requires { here.substep; }) {
-      here.substep.frame = control->frame;
+      here.substep.frame = control->frame + frame;
     } else {
-      here.frame = control->frame;
+      here.frame = control->frame + frame;
     }
     return here;
   }
@@ -91,14 +95,12 @@ struct FramePass {
   }
 };
 
-// A pass that several lanes may share.
+// A pass that several lanes may share: at(slot), and of that load(slot), gather() and finish().
 template <class Pass, bool is_rough, bool has_walls>
 struct SharedFramePass : FramePass<Pass, is_rough, has_walls> {
   using Sum = typename Pass::Sum;
 
-  FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const { return this->now().gather(slot, lane); }
-  FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const { this->at(slot).finish(slot, sum); }
-  FC_HOST_DEVICE void operator()(std::int64_t slot) const { run_alone(*this, slot); }
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const { run_alone(this->at(slot), slot); }
 };
 
 template <class Pass, bool is_rough, bool has_walls>
@@ -118,10 +120,11 @@ struct RecordListsOfFrame {
 };
 
 template <bool has_walls, class Run>
-void make_frame_lists(Run& run, FrameWorld& world) {
+void make_frame_lists(Run& run, FrameWorld& world, std::uint32_t frames) {
   run.allocate_cells(Stage::build_grid, world);
   run.for_each(Stage::build_grid, world.count,
-               ScatterFrameSlots{world.counter(),
+               ScatterFrameSlots{frames,
+                                 world.counter(),
                                  world.cell_start,
                                  world.skin,
                                  {world.state, world.other_state, world.constants, world.other_constants},
@@ -154,47 +157,58 @@ void run_pass(Run& run, FrameWorld& world, std::uint32_t pass, const Output& out
     run.for_each_sphere(Stage::solve_contacts, world.count,
                         SharedFramePass<Solve, false, has_walls>{{{world.frame.scales, step.box, 0, world.grid(),
                                                                    world.neighbors(pass), output, &watch->first_fault},
-                                                                  world.control}});
-  } else {
+                                                                  world.control,
+                                                                  world.frame_of(pass)}});
+  } else if constexpr (!std::is_same_v<Output, ToFlyingSlots>) {
     // Of its output it writes the crowding alone, which is the same in every pass.
     using Gather = GatherContacts<FrameListNeighbors, ToFrameSlots>;
     run.for_each_sphere(Stage::gather_contacts, world.count,
                         SharedFramePass<Gather, is_rough, has_walls>{
                             {{step, world.grid(), world.neighbors(pass), world.to_slots(pass), world.velocity_change,
                               world.turn, world.pick, &watch->first_fault, world.memory},
-                             world.control}});
+                             world.control,
+                             world.frame_of(pass)}});
     run.for_each(
         Stage::apply_contacts, world.count,
         SingleFramePass<ApplyContacts<Output>, is_rough, has_walls>{
             {{step, world.grid(), output, world.velocity_change, world.turn, world.pick, watch, world.memory.cleared},
-             world.control}});
+             world.control,
+             world.frame_of(pass)}});
     world.memory = world.memory.next();
   }
   world.swap_state();
 }
 
 template <bool is_rough, bool has_walls, class Run>
-void simulate_frame_by_its_lists(Run& run, FrameWorld& world, bool is_last) {
-  make_frame_lists<has_walls>(run, world);
-  const auto last = static_cast<std::uint32_t>(world.frame.iterations) - 1;
-  for (std::uint32_t pass = 0; pass < last; ++pass)
-    run_pass<is_rough, has_walls>(run, world, pass, world.to_slots(pass));
-  run_pass<is_rough, has_walls>(run, world, last, world.to_next_frame(is_last));
+void simulate_frames_of_lists(Run& run, FrameWorld& world, std::uint32_t frames, bool is_last) {
+  make_frame_lists<has_walls>(run, world, frames);
+  const auto passes = frames * static_cast<std::uint32_t>(world.frame.iterations);
+  for (std::uint32_t pass = 0; pass + 1 < passes; ++pass) {
+    const bool ends_frame = world.frame_of(pass + 1) != world.frame_of(pass);
+    if (ends_frame && world.frame.solver == Solver::reference) {
+      run_pass<is_rough, has_walls>(run, world, pass, world.to_flying_slots(pass));
+    } else {
+      run_pass<is_rough, has_walls>(run, world, pass, world.to_slots(pass));
+    }
+  }
+  run_pass<is_rough, has_walls>(run, world, passes - 1, world.to_next_frame(is_last));
 }
 
 template <bool is_rough, bool has_walls, class Run>
 void simulate_frames_by_their_lists(Run& run, FrameWorld& world, std::int64_t frames) {
   ToNextFrame first = world.to_next_frame(false);
   first.to = world.state;
-  // control->frame is one before 0 here.
   run.for_each(Stage::load, world.count, LoadInto<ToNextFrame>{world.is_new, world.bodies, world.constants, first});
   world.is_new = false;
-  const auto simulate = [&](bool is_last) { simulate_frame_by_its_lists<is_rough, has_walls>(run, world, is_last); };
+  const auto simulate = [&](std::uint32_t some, bool is_last) {
+    simulate_frames_of_lists<is_rough, has_walls>(run, world, some, is_last);
+  };
   // What contacts remember from before the run is read by its first pass and no other: a frame that cannot be repeated.
   const std::int64_t alone = is_rough && frames > 1 ? 1 : 0;
-  if (alone > 0) simulate(false);
-  run.repeat(world, frames - 1 - alone, [&] { simulate(false); });
-  simulate(true);
+  if (alone > 0) simulate(1, false);
+  const std::int64_t spells = (frames - alone - 1) / world.frames_of_lists;
+  run.repeat(world, spells, [&] { simulate(world.frames_of_lists, false); });
+  simulate(static_cast<std::uint32_t>(frames - alone - spells * world.frames_of_lists), true);
   run.for_each(Stage::store, world.count,
                StoreFrameBodies{{world.state, world.constants.ids, world.bodies},
                                 world.control,

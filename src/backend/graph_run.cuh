@@ -35,23 +35,29 @@ __global__ void __launch_bounds__(graph_run_threads) run_stage(std::int64_t n, c
   if (i < n) f(i);
 }
 
-// `lanes` threads of a warp share one sphere. 64 registers: more threads wait for memory at the same time. A rough pass
-// gets 96, as it would keep too much in memory with fewer.
+// `lanes` threads of a warp share one sphere. 72 registers, or 80 where few spheres leave room on the device: more
+// threads wait for memory at the same time. A rough pass gets 96, as it would keep too much in memory with fewer.
 template <int lanes, class Pass>
-__global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 5 : 8)
+__global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 5
+                                                     : lanes == 8       ? 6
+                                                                        : 7)
     run_shared_pass(std::int64_t count, const __grid_constant__ Pass pass) {
   wait_for_stage_before();
   const std::int64_t row = std::int64_t(blockIdx.x) * blockDim.x + threadIdx.x, slot = row / lanes;
   const Lane lane{static_cast<int>(threadIdx.x % lanes), lanes};
+  const bool is_mine = slot < count;
+  // What a sphere itself needs is asked for at once.
+  const auto here = pass.at(is_mine ? slot : 0);
+  const auto self = here.load(is_mine ? slot : 0);
   typename Pass::Sum sum;
-  if (slot < count) sum = pass.gather(slot, lane);
+  if (is_mine) sum = here.gather(self, slot, lane);
   if constexpr (lanes > 1) {
     if (__any_sync(0xFFFFFFFFu, !sum.is_empty())) {
 #pragma unroll
       for (int distance = lanes / 2; distance > 0; distance /= 2) sum.combine(of_lane(sum, distance));
     }
   }
-  if (slot < count && lane.index == 0) pass.finish(slot, sum);
+  if (is_mine && lane.index == 0) here.finish(self, slot, sum);
 }
 
 // Cells get their slots in blocks of whole rows, in the order in which the blocks come: a row of cells must be one run
@@ -93,7 +99,11 @@ inline __global__ void __launch_bounds__(cell_block_threads)
 // Graphs of some frames, as long as their kernels' arguments stay the same.
 class FrameGraphs {
  public:
-  static constexpr std::int64_t frames = 8;  // even: the copies of the state then are as they were
+  // At least, and an even number of lists, so that the copies of the state are as they were in the end.
+  static constexpr std::int64_t frames = 8;
+  static std::int64_t lists_for(std::int64_t frames_of_lists) {
+    return std::max<std::int64_t>(frames / frames_of_lists, 2);
+  }
 
   // Of a world: all that the kernels of its frames are given.
   using Key = std::vector<unsigned char>;
@@ -176,18 +186,19 @@ class GraphRun {
     });
   }
 
-  // body() starts the stages of one frame and leaves in the world what the next one needs.
+  // body() starts the stages of all frames with the same lists and leaves in the world what the next ones need.
   template <class World, class Body>
   void repeat(World& world, std::int64_t times, const Body& body) {
-    std::int64_t alone = timer_.enabled ? times : times % FrameGraphs::frames;
-    if (!graphs_.has_run) alone = std::min(times, alone + FrameGraphs::frames);
+    const std::int64_t each = FrameGraphs::lists_for(world.frames_of_lists);
+    std::int64_t alone = timer_.enabled ? times : times % each;
+    if (!graphs_.has_run) alone = std::min(times, alone + each);
     for (std::int64_t i = 0; i < alone; ++i) body();
     graphs_.has_run = true;
     if (alone == times) return;
     const FrameGraphs::Key key = FrameGraphs::key_of(world);
-    if (graphs_.find(key) == nullptr) graphs_.keep(key, record(body));
+    if (graphs_.find(key) == nullptr) graphs_.keep(key, record(each, body));
     cudaGraphExec_t graph = graphs_.find(key);
-    for (std::int64_t i = alone; i < times; i += FrameGraphs::frames) {
+    for (std::int64_t i = alone; i < times; i += each) {
       check(cudaGraphLaunch(graph, backend_.stream()), "graph launch");
     }
   }
@@ -217,11 +228,11 @@ class GraphRun {
   }
 
   template <class Body>
-  cudaGraphExec_t record(const Body& body) {
+  cudaGraphExec_t record(std::int64_t times, const Body& body) {
     cudaGraph_t recorded = nullptr;
     check(cudaStreamBeginCapture(backend_.stream(), cudaStreamCaptureModeThreadLocal), "graph capture");
     try {
-      for (std::int64_t i = 0; i < FrameGraphs::frames; ++i) body();
+      for (std::int64_t i = 0; i < times; ++i) body();
     } catch (...) {
       cudaStreamEndCapture(backend_.stream(), &recorded);
       cudaGraphDestroy(recorded);

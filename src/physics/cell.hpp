@@ -65,6 +65,34 @@ FC_HOST_DEVICE inline CellRange cells_within(float x, float reach, const GridAxi
   return {wrapped < 0 ? wrapped + axis.cells : wrapped, static_cast<int>(last - first) + 1};
 }
 
+// How far from a coordinate those cells are, from the side that faces it.
+struct CellDistances {
+  float place;  // of the coordinate, in cells from the first one
+  float edge;   // of a cell, 0 where nothing is known [m]
+
+  FC_HOST_DEVICE CellDistances(float x, const CellRange& range, const GridAxis& axis) {
+    const float cells = static_cast<float>(axis.cells);
+    float along = (x - axis.origin) * axis.inverse_edge;
+    edge = 1.0f / axis.inverse_edge;
+    const bool is_rough = !(fabsf(along) < 2e4f);  // beside the hundredth of a cell below
+    if (axis.boundary == Boundary::wall) {
+      if (is_rough) edge = 0.0f;
+      along = clamp(along, 0.0f, cells);  // the cells at the ends hold what lies beyond
+      place = along - static_cast<float>(range.first);
+    } else {
+      if (is_rough || range.count >= axis.cells) edge = 0.0f;
+      place = along - static_cast<float>(range.first);
+      place -= cells * floorf((place + 0.5f) / cells);  // the first cell may have gone round
+    }
+  }
+  // Squared, and a little less than it is; of the cell that is `i` after the first one [m²].
+  FC_HOST_DEVICE float squared(int i) const {
+    const float before = static_cast<float>(i) - place, behind = place - static_cast<float>(i + 1);
+    const float distance = larger(larger(before, behind) - 0.01f, 0.0f) * edge;
+    return distance * distance;
+  }
+};
+
 FC_HOST_DEVICE inline int cell_in_range(const CellRange& range, int i, const GridAxis& axis) {
   const int cell = range.first + i;
   return cell < axis.cells ? cell : cell - axis.cells;

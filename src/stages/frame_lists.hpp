@@ -1,7 +1,7 @@
-// Lists of the spheres near each one, made anew at the start of every frame and never mended.
+// Lists of the spheres near each one, made anew after some frames and never mended.
 //
 // As in neighbor_lists.hpp, two spheres are listed when they are within reach of each other even if both move through
-// the whole of their skins. A sphere that leaves its skin before the frame ends is a stray: the pass that moves it
+// the whole of their skins. A sphere that leaves its skin before the lists end is a stray: the pass that moves it
 // writes it into a table of coarse cells, and the next pass looks there for strays that its lists do not know. A stray
 // itself looks through the grid. So no pair is missed, none is seen twice, and nothing has to wait for a repair.
 #pragma once
@@ -12,7 +12,8 @@ namespace fastcollide {
 
 // What the device tells the host about a run of frames, and its stages tell each other.
 struct FrameControl {
-  std::uint32_t frame;             // counted from 0 in a run; of the lists that are made
+  std::uint32_t frame;             // counted from 0 in a run; the first with the lists that there are
+  std::uint32_t next_frame;        // the first with the next lists
   std::uint32_t next_slot;         // that the next block of cells takes
   std::uint32_t next_chunk;        // that the next list too long for its rows takes
   std::uint32_t most_chunks;       // that a frame wanted
@@ -20,28 +21,37 @@ struct FrameControl {
   std::uint32_t longest;           // that a pass wanted, where it found more than a list and strays have room for
   std::uint32_t stray_records[3];  // in turn: of the pass before, of this one, of the next
   std::uint32_t most_stray_records;
-  Vec3 drift, next_drift;         // with which the skins move in this frame and in the next one [m/s]
-  std::uint64_t velocity_sum[3];  // of some spheres, in units of 2^-20 m/s
+  Vec3 drift, next_drift;  // with which the skins move with these lists and with the next ones [m/s]
+  // Of some spheres, for the lists that are made next.
+  std::uint64_t velocity_sum[3];  // in units of 2^-20 m/s
+  std::uint64_t speed_sum;        // beside the drift, likewise
+  std::uint32_t fast;             // how many are
+  // And of the last lists that were made.
+  std::uint32_t fast_samples;
+  float mean_speed;  // [m/s]
   Watch watch;
 };
 
-// Keeps the mean velocity of some spheres in a frame for the skins of the next one.
+// Keeps the mean velocity of some spheres for the skins of the next lists, and how they move beside it.
 struct Drift {
   static constexpr float unit = 0x1p-20f, fastest = 1e6f;  // [m/s]
-  std::uint32_t samples;                                   // 0: skins stay where they are
-  std::uint32_t stride;                                    // from one of their slots to the next
+  std::uint32_t samples;
+  std::uint32_t stride;  // from one of their slots to the next
+  float fast;            // such a sphere leaves any skin that is kept long [m/s]
 
   FC_HOST_DEVICE void add(std::int64_t slot, Vec3 velocity, FrameControl* control) const {
-    if (samples == 0 || slot % stride != 0 || slot / stride >= samples) return;
+    if (slot % stride != 0 || slot / stride >= samples) return;
     const auto word = [](float speed) {
       return static_cast<std::uint64_t>(round_to_int64(clamp(speed, -fastest, fastest) * (1.0f / unit)));
     };
     atomic_add(&control->velocity_sum[0], word(velocity.x));
     atomic_add(&control->velocity_sum[1], word(velocity.y));
     atomic_add(&control->velocity_sum[2], word(velocity.z));
+    const float speed = length(velocity - control->next_drift);
+    atomic_add(&control->speed_sum, word(speed));
+    if (!(speed < fast)) atomic_add(&control->fast, 1);
   }
   FC_HOST_DEVICE void end(FrameControl* control) const {
-    if (samples == 0) return;
     const float part = unit / static_cast<float>(samples);
     const auto mean = [&](std::uint64_t& sum) {
       const float value = static_cast<float>(static_cast<std::int64_t>(sum)) * part;
@@ -50,6 +60,9 @@ struct Drift {
     };
     std::uint64_t* sums = control->velocity_sum;
     control->next_drift = {mean(sums[0]), mean(sums[1]), mean(sums[2])};
+    control->mean_speed = mean(control->speed_sum);
+    control->fast_samples = control->fast;
+    control->fast = 0;
   }
 };
 
@@ -110,7 +123,8 @@ FC_HOST_DEVICE inline void assume_walls(Box& box) { box.x = box.y = box.z = Boun
 // The strays that one pass of a frame writes and the next one reads.
 struct Strays {
   GridShape coarse;
-  std::uint64_t* heads;  // of each cell: the pass that wrote it, the last record
+  std::uint64_t* heads;    // of each cell: the pass that wrote it, the last record
+  std::uint32_t* regions;  // of each region of 4 x 4 x 4 cells: the last pass that wrote one of them
   StrayRecord* records;
   std::uint32_t places;
   std::uint32_t pass, passes;  // which of how many
@@ -134,15 +148,28 @@ struct Strays {
                        cell_in_range(zs, i / xs.count / ys.count, coarse.z)};
       const std::uint32_t place = first + static_cast<unsigned>(i);
       const std::uint64_t head = atomic_exchange(heads + cell_hash(cell, coarse), mark | place);
+      atomic_max(regions + region_of(cell), stamp());
       const bool is_first = (head ^ mark) >> 32 != 0;
       records[place] = {slot, is_first ? no_stray : static_cast<std::uint32_t>(head)};
     }
   }
 
-  FC_HOST_DEVICE std::uint64_t head_near(Vec3 position) const {
-    return heads[cell_hash(cell_of(position, coarse), coarse)];
+  // Most regions have none, and those of spheres that lie side by side in memory are few words.
+  static constexpr int region_bits = 2;
+  static std::int64_t region_count(const GridShape& coarse) {
+    return std::int64_t(regions_along(coarse.x)) * regions_along(coarse.y) * regions_along(coarse.z);
   }
-  FC_HOST_DEVICE bool is_of_pass(std::uint64_t head) const { return static_cast<std::uint32_t>(head >> 32) == stamp(); }
+  FC_HOST_DEVICE static int regions_along(const GridAxis& axis) { return ((axis.cells - 1) >> region_bits) + 1; }
+  FC_HOST_DEVICE std::uint32_t region_of(Vec3i cell) const {
+    const int y = (cell.z >> region_bits) * regions_along(coarse.y) + (cell.y >> region_bits);
+    return static_cast<std::uint32_t>(y * regions_along(coarse.x) + (cell.x >> region_bits));
+  }
+  FC_HOST_DEVICE std::uint32_t stamp_near(Vec3 position) const { return regions[region_of(cell_of(position, coarse))]; }
+  // 0: none.
+  FC_HOST_DEVICE std::uint64_t head_near(Vec3 position) const {
+    const std::uint64_t head = heads[cell_hash(cell_of(position, coarse), coarse)];
+    return static_cast<std::uint32_t>(head >> 32) == stamp() ? head : 0;
+  }
   // Calls visit(slot) for those of a cell's chain.
   template <class Visit>
   FC_HOST_DEVICE void visit(std::uint64_t head, Visit& visit) const {
@@ -179,29 +206,34 @@ struct SortedSlots {
   FC_HOST_DEVICE float search_range(Vec4 ball) const { return ball.w + law.reach + law.largest_radius + law.thickest; }
 };
 
-// Calls visit(slot, ball) for the slots in the cells that overlap position ± range; rows of cells are shared among the
-// lanes. Cells count along x first: those of a row are one run, or two where the row goes round.
+// Calls visit(slot, ball) for the slots in the cells that are no farther than `range` from a position; rows of cells
+// are shared among the lanes. Cells count along x first: those of a row are one run, or two where the row goes round.
 template <class Visit>
 FC_HOST_DEVICE inline void visit_sorted(const SortedSlots& sorted, Vec3 position, float range, Lane lane,
                                         Visit& visit) {
   const GridShape& shape = sorted.shape;
-  const CellRange xs = cells_within(position.x, range, shape.x);
-  const CellRange ys = cells_within(position.y, range, shape.y);
-  const CellRange zs = cells_within(position.z, range, shape.z);
-  const int inside = xs.first + xs.count <= shape.x.cells ? xs.count : shape.x.cells - xs.first;
+  const CellRange ys = cells_within(position.y, range, shape.y), zs = cells_within(position.z, range, shape.z);
+  const CellDistances y_distances(position.y, ys, shape.y), z_distances(position.z, zs, shape.z);
+  const float most = 1.0001f * (range * range);
   int y = lane.index, z = 0;
   for (;;) {
     for (; y >= ys.count; y -= ys.count) ++z;
     if (z >= zs.count) return;
-    const std::uint32_t row = cell_hash({0, cell_in_range(ys, y, shape.y), cell_in_range(zs, z, shape.z)}, shape);
-    const auto visit_run = [&](int first, int cells) {
-      const std::uint32_t end = sorted.cell_end[row + static_cast<std::uint32_t>(first + cells - 1)];
-      for (std::uint32_t slot = sorted.cell_start[row + static_cast<std::uint32_t>(first)]; slot < end; ++slot) {
-        visit(slot, sorted.balls[slot]);
-      }
-    };
-    visit_run(xs.first, inside);
-    if (shape.x.boundary != Boundary::wall && inside < xs.count) visit_run(0, xs.count - inside);
+    // A row at a distance needs a shorter run: about half of the box around the position is outside of the sphere.
+    const float left = most - y_distances.squared(y) - z_distances.squared(z);
+    if (left >= 0.0f) {
+      const CellRange xs = cells_within(position.x, rough_square_root(left), shape.x);
+      const int inside = xs.first + xs.count <= shape.x.cells ? xs.count : shape.x.cells - xs.first;
+      const std::uint32_t row = cell_hash({0, cell_in_range(ys, y, shape.y), cell_in_range(zs, z, shape.z)}, shape);
+      const auto visit_run = [&](int first, int cells) {
+        const std::uint32_t end = sorted.cell_end[row + static_cast<std::uint32_t>(first + cells - 1)];
+        for (std::uint32_t slot = sorted.cell_start[row + static_cast<std::uint32_t>(first)]; slot < end; ++slot) {
+          visit(slot, sorted.balls[slot]);
+        }
+      };
+      visit_run(xs.first, inside);
+      if (shape.x.boundary != Boundary::wall && inside < xs.count) visit_run(0, xs.count - inside);
+    }
     y += lane.count;
   }
 }
@@ -284,7 +316,7 @@ struct FrameListNeighbors {
   FrameLists lists;
   Strays strays;  // of the pass before
   bool is_first;  // there is none
-  float age;      // of the lists, 0 where skins stay where they are [s]
+  float age;      // of the lists [s]
 
   FC_HOST_DEVICE void assume_walls() {
     fastcollide::assume_walls(sorted.shape);
@@ -298,7 +330,7 @@ struct FrameListNeighbors {
     std::uint32_t first[FrameLists::fewest_rows];
     FC_UNROLL
     for (std::uint32_t k = 0; k < FrameLists::fewest_rows; ++k) first[k] = list[std::int64_t(k) * lists.stride()];
-    const std::uint64_t head = is_first ? 0 : strays.head_near(position);
+    const std::uint32_t stamp = is_first ? 0 : strays.stamp_near(position);
     const std::uint32_t count = lists.counts[slot];
     const std::uint32_t wanted = count & ~FrameLists::stray_bit;
     const bool is_void = wanted > lists.places_of(slot, wanted);
@@ -309,9 +341,12 @@ struct FrameListNeighbors {
     std::uint32_t* chunk = nullptr;
     if (lane.count == 1 && all > lists.rows) chunk = lists.entries_of_chunk(lists.chunk_of_slot[slot]);
     std::uint32_t unlisted = 0;
-    const bool is_stray = count != wanted, are_strays_near = !is_first && strays.is_of_pass(head);
+    const bool is_stray = count != wanted, are_strays_near = !is_first && stamp == strays.stamp();
     if (is_stray || are_strays_near) {
-      unlisted = write_unlisted(grid, slot, position, lane, list, chunk, rows, is_stray, are_strays_near ? head : 0);
+      const std::uint64_t head = are_strays_near ? strays.head_near(position) : 0;
+      if (is_stray || head != 0) {
+        unlisted = write_unlisted(grid, slot, position, lane, list, chunk, rows, is_stray, head);
+      }
     }
     const auto slot_at = [&](std::uint32_t i) {
       const std::uint32_t row = i < own ? i : i - own + rows;
@@ -397,7 +432,7 @@ struct ToFrameSlots {
   SortedSlots sorted;
   Strays strays;
   std::uint32_t* list_counts;
-  float age;          // of the lists after this pass, 0 where skins stay where they are [s]
+  float age;          // of the lists after this pass [s]
   Vec4 ball = {};     // of the slot
   Vec3 drifted = {};  // way of its skin since the lists were made [m]
 

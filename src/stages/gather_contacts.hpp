@@ -56,9 +56,10 @@ struct GatherContacts {
     return sum;
   }
 
-  FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const {
+  FC_HOST_DEVICE Sphere load(std::int64_t slot) const { return falling_sphere_in_slot(grid, slot, substep.flight); }
+  FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const { return gather(load(slot), slot, lane); }
+  FC_HOST_DEVICE Sum gather(const Sphere& self, std::int64_t slot, Lane lane) const {
     const SoftContactLaw& law = substep.law;
-    const Sphere self = falling_sphere_in_slot(grid, slot, substep.flight);
     const float own_crowding = grid.crowding[slot];
     const Vec3 spin = spin_in_slot(grid, slot);
     Sum sum = nothing_yet();
@@ -206,8 +207,8 @@ struct GatherContacts {
     remember(self.id, wall, stretch);
   }
 
-  FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const {
-    const Sphere self = sphere_in_slot(grid, slot);
+  FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const { finish(load(slot), slot, sum); }
+  FC_HOST_DEVICE void finish(const Sphere& self, std::int64_t slot, const Sum& sum) const {
     if (sum.out_of_range > 0) atomic_min(first_fault, fault_word(substep.frame, self.id, FaultKind::out_of_range));
     if (sum.contacts > max_terms) {
       atomic_min(first_fault, fault_word(substep.frame, self.id, FaultKind::too_many_contacts));

@@ -40,8 +40,9 @@ struct SolveContacts {
     }
   };
 
-  FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const {
-    const Sphere self = sphere_in_slot(grid, slot);
+  FC_HOST_DEVICE Sphere load(std::int64_t slot) const { return sphere_in_slot(grid, slot); }
+  FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const { return gather(load(slot), slot, lane); }
+  FC_HOST_DEVICE Sum gather(const Sphere& self, std::int64_t slot, Lane lane) const {
     Sum sum;
     if (is_fixed(self.mass)) return sum;
     auto visit = [&](std::int64_t other) {
@@ -56,8 +57,8 @@ struct SolveContacts {
     return sum;
   }
 
-  FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const {
-    const Sphere self = sphere_in_slot(grid, slot);
+  FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const { finish(load(slot), slot, sum); }
+  FC_HOST_DEVICE void finish(const Sphere& self, std::int64_t slot, const Sum& sum) const {
     if (sum.out_of_range > 0) atomic_min(first_fault, fault_word(frame, self.id, FaultKind::out_of_range));
     if (sum.contacts > max_terms) atomic_min(first_fault, fault_word(frame, self.id, FaultKind::too_many_contacts));
     const Vec3 moved = self.position + value_of(sum.displacement, scales.position);

@@ -38,7 +38,7 @@ struct ToNextFrame {
   FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
     if (must_advance && !is_last) {
       AdvanceSphere next = advance;
-      next.frame = control->frame + 1;
+      next.frame = control->next_frame;
       next(sphere.id, sphere.radius, sphere.mass, sphere.restitution, position, velocity);
     }
     to.position_radius[slot] = {position.x, position.y, position.z, sphere.radius};
@@ -49,7 +49,26 @@ struct ToNextFrame {
   FC_HOST_DEVICE void write_crowding(std::int64_t slot, const Sphere&, float value) const { to.crowding[slot] = value; }
 };
 
+// Writes to the other copy of the slots between two frames of the reference solver that have the same lists: the next
+// one begins with its flight.
+struct ToFlyingSlots : ToFrameSlots {
+  AdvanceSphere advance;
+  std::uint32_t next_frame;  // of those with the same lists
+
+  FC_HOST_DEVICE void assume_walls() {
+    ToFrameSlots::assume_walls();
+    fastcollide::assume_walls(advance.box);
+  }
+  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
+    AdvanceSphere next = advance;
+    next.frame = strays.control->frame + next_frame;
+    next(sphere.id, sphere.radius, sphere.mass, sphere.restitution, position, velocity);
+    ToFrameSlots::write(slot, sphere, position, velocity, spin);
+  }
+};
+
 struct ScatterFrameSlots {
+  std::uint32_t frames;  // with the lists that will be made
   CellCounter counter;
   const std::uint32_t* cell_start;
   SkinLaw law;
@@ -68,7 +87,8 @@ struct ScatterFrameSlots {
     list_counts[place] = 0;
     drift.add(slot, velocity, control);
     if (slot > 0) return;
-    ++control->frame;
+    control->frame = control->next_frame;
+    control->next_frame += frames;
     control->drift = control->next_drift;
     control->next_slot = control->next_chunk = 0;
     control->stray_records[0] = control->stray_records[1] = control->stray_records[2] = 0;

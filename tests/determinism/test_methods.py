@@ -188,6 +188,27 @@ def test_spheres_that_leave_their_skins(device, solver, is_rough):
         assert_equal_steps(all_methods(device, solver, spheres, bounds=bounds, boundary=boundary), (1, 9, 30), 0.03)
 
 
+@pytest.mark.parametrize("is_rough", [False, True])
+def test_a_pile_that_is_shaken(device, solver, is_rough, write):
+    """What rests has lists for several frames: a shake makes strays of many spheres while those lists last, and the
+    reference solver flies between two frames with the same lists. All of it moves sideways, and so do skins."""
+    if is_rough and solver == "reference":
+        pytest.skip("the reference solver has no friction of spheres")
+    bounds = ((0, 0, 0), (3, 3, 4))
+    spheres = fc.random_spheres(500, bounds, seed=9, radius=(0.06, 0.18), speed=(1, 1, 1))
+    if is_rough:
+        spheres = rough(spheres)
+    boundary = ("periodic", "wall", "wall")
+    worlds = all_methods(device, solver, spheres, bounds=bounds, boundary=boundary, drag=3.0)
+    assert_equal_steps(worlds, (120, 40))
+    velocity = np.random.default_rng(10).uniform(-2, 2, (500, 3)) + (8, 0, 0)
+    velocity[::3] *= 3
+    for world in worlds:
+        world.drag = 0
+        write(world.velocities, velocity.astype(np.float32))
+    assert_equal_steps(worlds, (16, 3, 21))
+
+
 def test_the_way_that_a_world_takes_by_itself(device, solver):
     """Fast spheres in little room that slow down: a GPU goes over to lists that are mended, and back."""
     bounds = ((0, 0, 0), (8, 8, 8))
@@ -330,6 +351,19 @@ def test_a_fault_in_the_first_frame_leaves_all_as_it_was(device, solver, method)
     with pytest.raises(fc.SimulationError, match="sphere 1 in frame 1: it is more than 131072 radii"):
         world.step(3)
     assert (world.frame, world.state_hash()) == (0, before)
+
+
+@pytest.mark.parametrize("method", methods_for(3))
+def test_a_fault_tells_its_frame(device, solver, method, write):
+    """Also where several frames have the same lists, as those of spheres at rest have."""
+    world = fc.World(device=device, solver=solver, method=method, boundary="open", gravity=(0, 0, 0), drag=0)
+    world.add(position=[[0, 0, 0], [0, 0, 3], [13000, 0, 0]], radius=0.1)
+    for _ in range(8):
+        world.step(8)
+    write(world.velocities, np.array([[0, 0, 0], [0, 0, 0], [960, 0, 0]], np.float32))  # 16 m a frame, 107.2 m to go
+    with pytest.raises(fc.SimulationError, match="sphere 2 in frame 71: it is more than 131072 radii"):
+        world.step(10)
+    assert world.frame == 70
 
 
 def test_a_short_period(device, solver):
