@@ -77,11 +77,18 @@ class FrameRuns {
           double(box.upper.x - box.lower.x) * (box.upper.y - box.lower.y) * (box.upper.z - box.lower.z);
       edge = std::max(edge, std::cbrt(0.12 * volume / static_cast<double>(count)));
     }
-    const auto cells = [&](double width) {
-      return choose_grid_shape(box, static_cast<float>(0.5 * width * edge), 0.0f, 16 * count, 0.0f);
+    const auto cells = [&](const Box& within, double width) {
+      return choose_grid_shape(within, static_cast<float>(0.5 * width * edge), 0.0f, 16 * count, 0.0f);
     };
-    const GridShape narrow = cells(are_few(count) ? narrow_edge_of_few : narrow_edge_of_many),
-                    wide = cells(are_few(count) ? wide_edge_of_few : wide_edge_of_many);
+    const GridShape wide = cells(box, wide_edge);
+    // One row of them where x has ends, as a whole grid of narrow ones may be too large.
+    Box row = box;
+    if (box.x != Boundary::open) {
+      row.y = row.z = Boundary::wall;
+      row.lower.y = row.lower.z = 0.0f;
+      row.upper.y = row.upper.z = largest_radius;
+    }
+    const GridShape narrow = cells(row, are_few(count) ? narrow_edge_of_few : narrow_edge_of_many);
     return {narrow.x, wide.y, wide.z};
   }
 
@@ -94,8 +101,7 @@ class FrameRuns {
   static constexpr std::int64_t few = 131072;
   static bool are_few(std::int64_t count) { return B::has_whole_grid && count <= few; }
   // Of cells, in the largest radius.
-  static constexpr double narrow_edge_of_few = 1.0, narrow_edge_of_many = 0.5, wide_edge_of_few = 2.25,
-                          wide_edge_of_many = 2.8;
+  static constexpr double narrow_edge_of_few = 1.0, narrow_edge_of_many = 0.5, wide_edge = 2.25;
   // A thousand words that all add to take a few microseconds.
   static std::uint32_t samples_of(std::int64_t count) {
     return static_cast<std::uint32_t>(std::min<std::int64_t>(count, are_few(count) ? 128 : 1024));
@@ -109,7 +115,7 @@ class FrameRuns {
     if (128 * std::int64_t(fast_samples_) > samples_of(count)) return 1;
     std::uint32_t frames = 1;
     while (2 * frames <= std::min<std::int64_t>(most, most_frames_of_lists) &&
-           static_cast<float>(2 * frames) * mean_speed_ < 0.12f * radius_per_frame) {
+           static_cast<float>(2 * frames) * mean_speed_ < 0.08f * radius_per_frame) {
       frames *= 2;
     }
     return frames;
