@@ -80,7 +80,7 @@ class FrameRuns {
     const auto cells = [&](const Box& within, double width) {
       return choose_grid_shape(within, static_cast<float>(0.5 * width * edge), 0.0f, 16 * count, 0.0f);
     };
-    const GridShape wide = cells(box, wide_edge);
+    const GridShape wide = cells(box, are_few(count) ? wide_edge_of_few : wide_edge_of_many);
     // One row of them where x has ends, as a whole grid of narrow ones may be too large.
     Box row = box;
     if (box.x != Boundary::open) {
@@ -101,7 +101,8 @@ class FrameRuns {
   static constexpr std::int64_t few = 131072;
   static bool are_few(std::int64_t count) { return B::has_whole_grid && count <= few; }
   // Of cells, in the largest radius.
-  static constexpr double narrow_edge_of_few = 1.0, narrow_edge_of_many = 0.5, wide_edge = 2.25;
+  static constexpr double narrow_edge_of_few = 1.0, narrow_edge_of_many = 0.5, wide_edge_of_few = 2.25,
+                          wide_edge_of_many = 2.8;
   // They all add to the same words, one after the other: a thousand take more than two microseconds.
   static std::uint32_t samples_of(std::int64_t count) {
     return static_cast<std::uint32_t>(std::min<std::int64_t>(count, are_few(count) ? 128 : 1024));
@@ -181,7 +182,9 @@ class FrameRuns {
       chunk_entries_.resize(chunks_ * FrameLists::chunk_places);
     }
     const GridShape& coarse = world.strays.coarse;
-    stray_places_ = std::max<std::uint32_t>(stray_places_, static_cast<std::uint32_t>(1024 + count / 8));
+    // Where many pile up each may be a stray, and more room for them later means to run the frames again.
+    const std::int64_t strays = count > few && count <= 128 * few ? count : count / 8;
+    stray_places_ = std::max<std::uint32_t>(stray_places_, static_cast<std::uint32_t>(1024 + strays));
     for (int i = 0; i < 2; ++i) {
       stray_heads_[i].resize(std::int64_t(coarse.x.cells) * coarse.y.cells * coarse.z.cells);
       stray_regions_[i].resize(Strays::region_count(coarse));
