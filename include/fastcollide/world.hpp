@@ -24,8 +24,8 @@ enum class Field : std::uint8_t;
 enum class Solver { substep, reference };
 
 // How neighbours are found; no result depends on it. cells: a grid for every pass; list: lists that are mended and hold
-// for many; frame: lists made for each frame; levels: a grid for each size of spheres, for every pass; small: lists
-// over all pairs, for few spheres. automatic takes levels where sizes differ much.
+// for many; frame: lists made anew for a frame or a few; levels: a grid for each size of spheres, for every pass;
+// small: lists over all pairs, for few spheres. automatic takes levels where sizes differ much.
 enum class Method { automatic, cells, list, frame, levels, small };
 
 struct WorldOptions {

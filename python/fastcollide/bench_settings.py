@@ -46,8 +46,8 @@ class BenchSettings:
         default=("cells", "list", "frame", "auto"),
         metadata=_about(
             Several(Choice(METHODS)),
-            "How neighbours are found: a grid for every pass, lists that hold, lists made for each frame, grids for each "
-            "size of spheres, or as a world does by itself.",
+            "How neighbours are found: a grid for every pass, lists that hold, lists for a frame or a few, grids for "
+            "each size of spheres, or as a world does by itself.",
         ),
     )
     device: tuple[str, ...] | None = field(
