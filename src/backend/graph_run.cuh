@@ -99,11 +99,8 @@ inline __global__ void __launch_bounds__(cell_block_threads)
 // Graphs of some frames, as long as their kernels' arguments stay the same.
 class FrameGraphs {
  public:
-  // At least, and an even number of lists, so that the copies of the state are as they were in the end.
+  // Of 1, 2 or 4 with the same lists: an even number of lists, so that the copies of the state are as they were.
   static constexpr std::int64_t frames = 8;
-  static std::int64_t lists_for(std::int64_t frames_of_lists) {
-    return std::max<std::int64_t>(frames / frames_of_lists, 2);
-  }
 
   // Of a world: all that the kernels of its frames are given.
   using Key = std::vector<unsigned char>;
@@ -189,7 +186,7 @@ class GraphRun {
   // body() starts the stages of all frames with the same lists and leaves in the world what the next ones need.
   template <class World, class Body>
   void repeat(World& world, std::int64_t times, const Body& body) {
-    const std::int64_t each = FrameGraphs::lists_for(world.frames_of_lists);
+    const std::int64_t each = FrameGraphs::frames / world.frames_of_lists;
     std::int64_t alone = timer_.enabled ? times : times % each;
     if (!graphs_.has_run) alone = std::min(times, alone + each);
     for (std::int64_t i = 0; i < alone; ++i) body();

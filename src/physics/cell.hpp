@@ -74,13 +74,13 @@ struct CellDistances {
     const float cells = static_cast<float>(axis.cells);
     float along = (x - axis.origin) * axis.inverse_edge;
     edge = 1.0f / axis.inverse_edge;
-    const bool is_rough = !(fabsf(along) < 2e4f);  // beside the hundredth of a cell below
+    const bool is_far = !(fabsf(along) < 2e4f);  // where rounding is more than the hundredth of a cell below
     if (axis.boundary == Boundary::wall) {
-      if (is_rough) edge = 0.0f;
+      if (is_far) edge = 0.0f;
       along = clamp(along, 0.0f, cells);  // the cells at the ends hold what lies beyond
       place = along - static_cast<float>(range.first);
     } else {
-      if (is_rough || range.count >= axis.cells) edge = 0.0f;
+      if (is_far || range.count >= axis.cells) edge = 0.0f;
       place = along - static_cast<float>(range.first);
       place -= cells * floorf((place + 0.5f) / cells);  // the first cell may have gone round
     }

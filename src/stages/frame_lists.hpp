@@ -25,7 +25,7 @@ struct FrameControl {
   // Of some spheres, for the lists that are made next.
   std::uint64_t velocity_sum[3];  // in units of 2^-20 m/s
   std::uint64_t speed_sum;        // beside the drift, likewise
-  std::uint32_t fast;             // how many are
+  std::uint32_t fast;             // as Drift::fast: how many
   // And of the last lists that were made.
   std::uint32_t fast_samples;
   float mean_speed;  // [m/s]
