@@ -23,46 +23,7 @@ class FrameRuns {
   // Runs frames on the bodies, counted from 0 in what is told of them; after a fault the bodies are as before, and also
   // where nothing is returned: some sphere has so many near it that lists are no way to keep them.
   std::optional<Watch> run(const FrameParameters& frame, std::int64_t frames, float largest_radius,
-                           const BodyArrays& bodies, std::int64_t count, ContactMemory<B>& memory, StageTimer& timer) {
-    if (frames == 0) return Watch{};
-    if (count == crowded_count_) return {};
-    FrameWorld world{};
-    world.frame = frame;
-    world.is_new = count != count_;
-    world.bodies = bodies;
-    world.count = count;
-    const bool is_substep = frame.solver == Solver::substep;
-    const bool is_rough = is_substep && bodies.spins != nullptr;  // the report's loop does not turn spheres
-    world.shape = shape_cells(frame.substep.box, largest_radius, count);
-    const float reach = is_substep ? frame.substep.law.opening_margin : 0.0f;
-    const float dt =
-        frame.substep.flight.dt * (is_substep ? static_cast<float>(frame.iterations) : 1.0f);  // of a frame
-    world.frames_of_lists = choose_frames_of_lists(largest_radius / dt, count, frames);
-    const float thickest = (are_few(count) ? thickest_of_few : thickest_of_many) * largest_radius;
-    world.skin = {skin_time * static_cast<float>(world.frames_of_lists) * dt,
-                  (are_few(count) ? thinnest_of_few : thinnest_of_many) * largest_radius, thickest, reach,
-                  largest_radius};
-    world.drift = {samples_of(count), static_cast<std::uint32_t>(count / samples_of(count)),
-                   thickest / (most_frames_of_lists * dt)};
-    world.strays.coarse = choose_grid_shape(frame.substep.box, 2.0f * largest_radius, 0.0f, 1, 0.0f);
-    world.strays.passes = static_cast<std::uint32_t>(frame.iterations);
-    choose_lanes(count);
-    for (;;) {
-      resize(world, is_substep, is_rough);
-      set_pointers(world);
-      world.memory = memory.start_run(&control_.data()->watch, frames * frame.iterations).of_pass(0);
-      const FrameControl control = run_once(world, frames, timer);
-      count_ = count;
-      const bool had_room = control.longest <= world.lists.places() && control.most_stray_records <= stray_places_;
-      make_room(control, frames);
-      last_stray_records_ = *std::max_element(std::begin(control.stray_records), std::end(control.stray_records));
-      mean_speed_ = control.mean_speed;
-      fast_samples_ = control.fast_samples;
-      if (had_room) return control.watch;
-      if (count == crowded_count_) return {};
-      world.is_new = false;
-    }
-  }
+                           const BodyArrays& bodies, std::int64_t count, ContactMemory<B>& memory, StageTimer& timer);
 
   // Whether so many spheres left their skins in a frame that to look for strays took most of the time.
   bool had_many_strays() const { return last_stray_records_ > count_ / 8; }
@@ -80,7 +41,8 @@ class FrameRuns {
     const auto cells = [&](const Box& within, double width) {
       return choose_grid_shape(within, static_cast<float>(0.5 * width * edge), 0.0f, 16 * count, 0.0f);
     };
-    const GridShape wide = cells(box, are_few(count) ? wide_edge_of_few : wide_edge_of_many);
+    const CellEdges& edges = lane_bits_for(count) == 3 ? edges_of_few : are_few(count) ? edges_of_some : edges_of_many;
+    const GridShape wide = cells(box, edges.wide);
     // One row of them where x has ends, as a whole grid of narrow ones may be too large.
     Box row = box;
     if (box.x != Boundary::open) {
@@ -88,7 +50,7 @@ class FrameRuns {
       row.lower.y = row.lower.z = 0.0f;
       row.upper.y = row.upper.z = largest_radius;
     }
-    const GridShape narrow = cells(row, are_few(count) ? narrow_edge_of_few : narrow_edge_of_many);
+    const GridShape narrow = cells(row, edges.narrow);
     return {narrow.x, wide.y, wide.z};
   }
 
@@ -100,9 +62,11 @@ class FrameRuns {
                          thickest_of_many = 0.5f;
   static constexpr std::int64_t few = 131072;
   static bool are_few(std::int64_t count) { return B::has_whole_grid && count <= few; }
-  // Of cells, in the largest radius.
-  static constexpr double narrow_edge_of_few = 1.0, narrow_edge_of_many = 0.5, wide_edge_of_few = 2.25,
-                          wide_edge_of_many = 2.8;
+  // Of cells, in the largest radius. Where eight lanes share a sphere, narrower ones gained nothing.
+  struct CellEdges {
+    double narrow, wide;
+  };
+  static constexpr CellEdges edges_of_few{1.0, 2.25}, edges_of_some{0.25, 2.4}, edges_of_many{0.3, 2.8};
   // They all add to the same words, one after the other: a thousand take more than two microseconds.
   static std::uint32_t samples_of(std::int64_t count) {
     return static_cast<std::uint32_t>(std::min<std::int64_t>(count, are_few(count) ? 128 : 1024));
@@ -146,9 +110,12 @@ class FrameRuns {
     return control;
   }
 
+  static std::uint32_t lane_bits_for(std::int64_t count) {
+    if (!B::has_whole_grid) return 0;
+    return count <= 32768 ? 3 : count <= few ? 2 : 0;
+  }
   void choose_lanes(std::int64_t count) {
-    std::uint32_t bits = 0;
-    if constexpr (B::has_whole_grid) bits = count <= 32768 ? 3 : count <= few ? 2 : 0;
+    const std::uint32_t bits = lane_bits_for(count);
     if (bits == lane_bits_ && rows_ > 0) return;
     lane_bits_ = bits;
     may_grow_ = true;
@@ -298,5 +265,50 @@ class FrameRuns {
   typename B::template Buffer<StrayRecord> stray_records_[2]{typename B::template Buffer<StrayRecord>(backend_),
                                                              typename B::template Buffer<StrayRecord>(backend_)};
 };
+
+// Not in the class: what is defined there counts as inline, and files that only declare this instantiation would
+// compile all its kernels, too.
+template <Backend B>
+std::optional<Watch> FrameRuns<B>::run(const FrameParameters& frame, std::int64_t frames, float largest_radius,
+                                       const BodyArrays& bodies, std::int64_t count, ContactMemory<B>& memory,
+                                       StageTimer& timer) {
+  if (frames == 0) return Watch{};
+  if (count == crowded_count_) return {};
+  FrameWorld world{};
+  world.frame = frame;
+  world.is_new = count != count_;
+  world.bodies = bodies;
+  world.count = count;
+  const bool is_substep = frame.solver == Solver::substep;
+  const bool is_rough = is_substep && bodies.spins != nullptr;  // the report's loop does not turn spheres
+  world.shape = shape_cells(frame.substep.box, largest_radius, count);
+  const float reach = is_substep ? frame.substep.law.opening_margin : 0.0f;
+  const float dt = frame.substep.flight.dt * (is_substep ? static_cast<float>(frame.iterations) : 1.0f);  // of a frame
+  world.frames_of_lists = choose_frames_of_lists(largest_radius / dt, count, frames);
+  const float thickest = (are_few(count) ? thickest_of_few : thickest_of_many) * largest_radius;
+  world.skin = {skin_time * static_cast<float>(world.frames_of_lists) * dt,
+                (are_few(count) ? thinnest_of_few : thinnest_of_many) * largest_radius, thickest, reach,
+                largest_radius};
+  world.drift = {samples_of(count), static_cast<std::uint32_t>(count / samples_of(count)),
+                 thickest / (most_frames_of_lists * dt)};
+  world.strays.coarse = choose_grid_shape(frame.substep.box, 2.0f * largest_radius, 0.0f, 1, 0.0f);
+  world.strays.passes = static_cast<std::uint32_t>(frame.iterations);
+  choose_lanes(count);
+  for (;;) {
+    resize(world, is_substep, is_rough);
+    set_pointers(world);
+    world.memory = memory.start_run(&control_.data()->watch, frames * frame.iterations).of_pass(0);
+    const FrameControl control = run_once(world, frames, timer);
+    count_ = count;
+    const bool had_room = control.longest <= world.lists.places() && control.most_stray_records <= stray_places_;
+    make_room(control, frames);
+    last_stray_records_ = *std::max_element(std::begin(control.stray_records), std::end(control.stray_records));
+    mean_speed_ = control.mean_speed;
+    fast_samples_ = control.fast_samples;
+    if (had_room) return control.watch;
+    if (count == crowded_count_) return {};
+    world.is_new = false;
+  }
+}
 
 }  // namespace fastcollide

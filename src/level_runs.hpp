@@ -19,27 +19,7 @@ class LevelRuns {
 
   // Runs frames on the bodies, counted from 0 in what is told of them; after a fault the bodies are as before.
   Watch run(const FrameParameters& frame, std::int64_t frames, const CellLevels& levels, const RadiusSurvey& radii,
-            const BodyArrays& bodies, std::int64_t count, ContactMemory<B>& memory, StageTimer& timer) {
-    if (frames == 0) return {};
-    LevelWorld world{};
-    world.frame = frame;
-    world.count = count;
-    world.is_new = count != count_;
-    world.bodies = bodies;
-    world.levels = levels;
-    group_levels(world, radii);
-    resize(world);
-    set_pointers(world);
-    Watch watch;
-    backend_.copy_to_device(watch_.data(), &watch, 1);
-    world.memory = memory.start_run(watch_.data(), frames * frame.iterations);
-    HostRun<B> run(backend_, timer);
-    simulate_frames_by_levels(run, world, static_cast<std::uint32_t>(frames));
-    // Which of the two copies holds what.
-    if (world.constants.ids != constants_.ids.data()) std::swap(constants_, other_constants_);
-    backend_.copy_to_host(&watch, std::as_const(watch_).data(), 1);
-    return watch;
-  }
+            const BodyArrays& bodies, std::int64_t count, ContactMemory<B>& memory, StageTimer& timer);
 
  private:
   // Large spheres look at many rows of cells, most of them in finer levels.
@@ -112,5 +92,31 @@ class LevelRuns {
   typename B::template Buffer<Watch> watch_{backend_};
   std::int64_t count_ = 0;  // of the spheres whose ids the slots hold
 };
+
+// Not in the class, as in frame_runs.hpp.
+template <Backend B>
+Watch LevelRuns<B>::run(const FrameParameters& frame, std::int64_t frames, const CellLevels& levels,
+                        const RadiusSurvey& radii, const BodyArrays& bodies, std::int64_t count,
+                        ContactMemory<B>& memory, StageTimer& timer) {
+  if (frames == 0) return {};
+  LevelWorld world{};
+  world.frame = frame;
+  world.count = count;
+  world.is_new = count != count_;
+  world.bodies = bodies;
+  world.levels = levels;
+  group_levels(world, radii);
+  resize(world);
+  set_pointers(world);
+  Watch watch;
+  backend_.copy_to_device(watch_.data(), &watch, 1);
+  world.memory = memory.start_run(watch_.data(), frames * frame.iterations);
+  HostRun<B> run(backend_, timer);
+  simulate_frames_by_levels(run, world, static_cast<std::uint32_t>(frames));
+  // Which of the two copies holds what.
+  if (world.constants.ids != constants_.ids.data()) std::swap(constants_, other_constants_);
+  backend_.copy_to_host(&watch, std::as_const(watch_).data(), 1);
+  return watch;
+}
 
 }  // namespace fastcollide

@@ -39,21 +39,7 @@ class SmallRuns {
 
   // Runs frames on the bodies, counted from 0 in what is told of them; after a fault the bodies are as before.
   Watch run(const FrameParameters& frame, std::int64_t frames, float largest_radius, const BodyArrays& bodies,
-            std::int64_t count, StageTimer& timer) {
-    if (frames == 0 || count == 0) return {};
-    SmallWorld world = of(frame, bodies, count);
-    world.frames = static_cast<std::uint32_t>(frames);
-    world.skin = choose_skins(frame, largest_radius, count);
-    watch_.resize(1);
-    Watch watch;
-    backend_.copy_to_device(watch_.data(), &watch, 1);
-    world.watch = watch_.data();
-    const Box& box = frame.substep.box;
-    const bool has_walls = box.x == Boundary::wall && box.y == Boundary::wall && box.z == Boundary::wall;
-    has_walls ? start<true>(world, timer) : start<false>(world, timer);
-    backend_.copy_to_host(&watch, std::as_const(watch_).data(), 1);
-    return watch;
-  }
+            std::int64_t count, StageTimer& timer);
 
  private:
   // Entries of lists are 16 bits.
@@ -100,5 +86,24 @@ class SmallRuns {
   SmallRunner<B> runner_;
   typename B::template Buffer<Watch> watch_{backend_};
 };
+
+// Not in the class, as in frame_runs.hpp.
+template <Backend B>
+Watch SmallRuns<B>::run(const FrameParameters& frame, std::int64_t frames, float largest_radius,
+                        const BodyArrays& bodies, std::int64_t count, StageTimer& timer) {
+  if (frames == 0 || count == 0) return {};
+  SmallWorld world = of(frame, bodies, count);
+  world.frames = static_cast<std::uint32_t>(frames);
+  world.skin = choose_skins(frame, largest_radius, count);
+  watch_.resize(1);
+  Watch watch;
+  backend_.copy_to_device(watch_.data(), &watch, 1);
+  world.watch = watch_.data();
+  const Box& box = frame.substep.box;
+  const bool has_walls = box.x == Boundary::wall && box.y == Boundary::wall && box.z == Boundary::wall;
+  has_walls ? start<true>(world, timer) : start<false>(world, timer);
+  backend_.copy_to_host(&watch, std::as_const(watch_).data(), 1);
+  return watch;
+}
 
 }  // namespace fastcollide
