@@ -36,9 +36,9 @@ __global__ void __launch_bounds__(graph_run_threads) run_stage(std::int64_t n, c
 }
 
 // `lanes` threads of a warp share one sphere. 72 registers, or 80 where few spheres leave room on the device: more
-// threads wait for memory at the same time. A rough pass gets 96, as it would keep too much in memory with fewer.
+// threads wait for memory at the same time. A rough pass gets 128, as it would keep too much in memory with fewer.
 template <int lanes, class Pass>
-__global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 5
+__global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 4
                                                      : lanes == 8       ? 6
                                                                         : 7)
     run_shared_pass(std::int64_t count, const __grid_constant__ Pass pass) {

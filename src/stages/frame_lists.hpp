@@ -208,7 +208,7 @@ struct SortedSlots {
 
 // Calls visit(slot, ball) for the slots in the cells that are no farther than `range` from a position; rows of cells
 // are shared among the lanes. Cells count along x first: those of a row are one run, or two where the row goes round.
-template <class Visit>
+template <int at_once = 1, class Visit>
 FC_HOST_DEVICE inline void visit_sorted(const SortedSlots& sorted, Vec3 position, float range, Lane lane,
                                         Visit& visit) {
   const GridShape& shape = sorted.shape;
@@ -227,8 +227,15 @@ FC_HOST_DEVICE inline void visit_sorted(const SortedSlots& sorted, Vec3 position
       const std::uint32_t row = cell_hash({0, cell_in_range(ys, y, shape.y), cell_in_range(zs, z, shape.z)}, shape);
       const auto visit_run = [&](int first, int cells) {
         const std::uint32_t end = sorted.cell_end[row + static_cast<std::uint32_t>(first + cells - 1)];
-        for (std::uint32_t slot = sorted.cell_start[row + static_cast<std::uint32_t>(first)]; slot < end; ++slot) {
-          visit(slot, sorted.balls[slot]);
+        std::uint32_t slot = sorted.cell_start[row + static_cast<std::uint32_t>(first)];
+        for (; slot < end; slot += at_once) {
+          Vec4 balls[at_once];
+          FC_UNROLL
+          for (std::uint32_t k = 0; k < at_once; ++k) balls[k] = sorted.balls[slot + k < end ? slot + k : slot];
+          FC_UNROLL
+          for (std::uint32_t k = 0; k < at_once; ++k) {
+            if (k == 0 || slot + k < end) visit(slot + k, balls[k]);
+          }
         }
       };
       visit_run(xs.first, inside);
@@ -286,7 +293,7 @@ struct RecordFrameLists {
         if (found.count == FoundEntries::most) found.move_to(lists, slot, control);
       };
       const int lanes = static_cast<int>(lists.lanes());
-      visit_sorted(sorted, position, range, {static_cast<int>(row) & (lanes - 1), lanes}, record);
+      visit_sorted<2>(sorted, position, range, {static_cast<int>(row) & (lanes - 1), lanes}, record);
       found.move_to(lists, slot, control);
     } else {
       std::uint32_t* place = lists.of_lane(slot, 0);
@@ -301,7 +308,7 @@ struct RecordFrameLists {
         place += found < lists.rows ? lists.stride() : 1;
         ++found;
       };
-      visit_sorted(sorted, position, range, Lane{}, record);
+      visit_sorted<2>(sorted, position, range, Lane{}, record);
       lists.counts[slot] = found;
       if (found <= lists.rows) return;
       lists.chunk_of_slot[slot] = chunk;
