@@ -23,12 +23,15 @@ struct ApplyContacts {
     const SoftContactLaw& law = substep.law;
     const Sphere self = falling_sphere_in_slot(grid, slot, substep.flight);
     if (cleared.rows != nullptr) cleared.clear(self.id);
-    Vec3 position = self.position, velocity = self.velocity + velocity_change[slot];
-    Vec3 spin = spin_after_resting(slot, self.radius);
-    if (is_fixed(self.mass)) return end_flight(slot, self, position + velocity * law.substep, velocity, spin);
-    bool is_free = is_zero(velocity_change[slot]);
     const std::uint32_t partner = pick[slot];
-    if (partner != no_pick && (pick[partner] == static_cast<std::uint32_t>(slot) || pick[partner] == pick_of_fixed)) {
+    const bool is_touched = partner != pick_of_untouched;
+    const Vec3 resting_change = is_touched ? velocity_change[slot] : Vec3{0, 0, 0};
+    Vec3 position = self.position, velocity = self.velocity + resting_change;
+    Vec3 spin = spin_after_resting(slot, self.radius, is_touched);
+    if (is_fixed(self.mass)) return end_flight(slot, self, position + velocity * law.substep, velocity, spin);
+    bool is_free = is_zero(resting_change);
+    if (partner < pick_of_untouched &&
+        (pick[partner] == static_cast<std::uint32_t>(slot) || pick[partner] == pick_of_fixed)) {
       collide(slot, partner, position, velocity, spin, is_free);
     }
     auto visit_wall = [&](Vec3 normal, float depth, int side) {
@@ -62,8 +65,9 @@ struct ApplyContacts {
     output.write(slot, self, place_in_box(position, smallest_distance, self.mass, substep.box), velocity, spin);
   }
 
-  FC_HOST_DEVICE Vec3 spin_after_resting(std::int64_t slot, float radius) const {
-    return turn == nullptr ? Vec3{0, 0, 0} : grid.spins[slot] + turn[slot] * (1.0f / radius);
+  FC_HOST_DEVICE Vec3 spin_after_resting(std::int64_t slot, float radius, bool is_touched) const {
+    if (turn == nullptr) return {0, 0, 0};
+    return grid.spins[slot] + (is_touched ? turn[slot] : Vec3{0, 0, 0}) * (1.0f / radius);
   }
 
   // The pair's impulse gives the normal velocity -e times that of the approach, whatever resting contacts did
@@ -99,7 +103,7 @@ struct ApplyContacts {
     const float impulse = larger(bounce - dot(relative_now, contact.normal), 0.0f);
     const float share = mass_share(self.mass, other.mass);
     Vec3 change = contact.normal * (impulse * share);
-    const Vec3 own_spin = spin, other_spin = spin_after_resting(partner, other.radius);
+    const Vec3 own_spin = spin, other_spin = spin_after_resting(partner, other.radius, true);
     if (const float friction = friction_between(grid, slot, partner); friction > 0.0f) {
       const Rub rub = rub_pair(self, other, own_spin, other_spin, relative_now, contact, impulse, friction, 1.0f);
       change = change + rub.velocity;

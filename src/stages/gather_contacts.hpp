@@ -213,11 +213,14 @@ struct GatherContacts {
     if (sum.contacts > max_terms) {
       atomic_min(first_fault, fault_word(substep.frame, self.id, FaultKind::too_many_contacts));
     }
-    velocity_change[slot] = value_of(sum.change, substep.velocity_scale);
-    if (turn != nullptr) turn[slot] = value_of(sum.turned, substep.velocity_scale);
+    const bool is_touched = sum.contacts > 0 || is_fixed(self.mass);
+    if (is_touched) {
+      velocity_change[slot] = value_of(sum.change, substep.velocity_scale);
+      if (turn != nullptr) turn[slot] = value_of(sum.turned, substep.velocity_scale);
+    }
     const float crowding = sum.contacts > 0 ? crowding_of(sum.crowd) : 0.0f;
     output.write_crowding(slot, self, sum.resting > 0 ? crowding : -crowding);
-    pick[slot] = is_fixed(self.mass) ? pick_of_fixed : sum.fastest.slot;
+    pick[slot] = is_fixed(self.mass) ? pick_of_fixed : is_touched ? sum.fastest.slot : pick_of_untouched;
   }
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const { run_alone(*this, slot); }

@@ -37,6 +37,8 @@ struct SubstepScratch {
 inline constexpr std::uint32_t no_pick = ~std::uint32_t(0);
 // A fixed sphere collides with all that pick it.
 inline constexpr std::uint32_t pick_of_fixed = no_pick - 1;
+// In flight most touch nothing at all: what contacts did to them is not written, and nobody reads it.
+inline constexpr std::uint32_t pick_of_untouched = no_pick - 2;
 
 // A sphere with the gravity and drag of this substep already in its velocity.
 FC_HOST_DEVICE inline Sphere falling_sphere(Sphere sphere, const Flight& flight) {
