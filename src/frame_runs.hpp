@@ -23,7 +23,46 @@ class FrameRuns {
   // Runs frames on the bodies, counted from 0 in what is told of them; after a fault the bodies are as before, and also
   // where nothing is returned: some sphere has so many near it that lists are no way to keep them.
   std::optional<Watch> run(const FrameParameters& frame, std::int64_t frames, float largest_radius,
-                           const BodyArrays& bodies, std::int64_t count, ContactMemory<B>& memory, StageTimer& timer);
+                           const BodyArrays& bodies, std::int64_t count, ContactMemory<B>& memory, StageTimer& timer) {
+    if (frames == 0) return Watch{};
+    if (count == crowded_count_) return {};
+    FrameWorld world{};
+    world.frame = frame;
+    world.is_new = count != count_;
+    world.bodies = bodies;
+    world.count = count;
+    const bool is_substep = frame.solver == Solver::substep;
+    const bool is_rough = is_substep && bodies.spins != nullptr;  // the report's loop does not turn spheres
+    world.shape = shape_cells(frame.substep.box, largest_radius, count);
+    const float reach = is_substep ? frame.substep.law.opening_margin : 0.0f;
+    const float dt =
+        frame.substep.flight.dt * (is_substep ? static_cast<float>(frame.iterations) : 1.0f);  // of a frame
+    world.frames_of_lists = choose_frames_of_lists(largest_radius / dt, count, frames);
+    const float thickest = (are_few(count) ? thickest_of_few : thickest_of_many) * largest_radius;
+    world.skin = {skin_time * static_cast<float>(world.frames_of_lists) * dt,
+                  (are_few(count) ? thinnest_of_few : thinnest_of_many) * largest_radius, thickest, reach,
+                  largest_radius};
+    world.drift = {samples_of(count), static_cast<std::uint32_t>(count / samples_of(count)),
+                   thickest / (most_frames_of_lists * dt)};
+    world.strays.coarse = choose_grid_shape(frame.substep.box, 2.0f * largest_radius, 0.0f, 1, 0.0f);
+    world.strays.passes = static_cast<std::uint32_t>(frame.iterations);
+    choose_lanes(count);
+    for (;;) {
+      resize(world, is_substep, is_rough);
+      set_pointers(world);
+      world.memory = memory.start_run(&control_.data()->watch, frames * frame.iterations).of_pass(0);
+      const FrameControl control = run_once(world, frames, timer);
+      count_ = count;
+      const bool had_room = control.longest <= world.lists.places() && control.most_stray_records <= stray_places_;
+      make_room(control, frames);
+      last_stray_records_ = *std::max_element(std::begin(control.stray_records), std::end(control.stray_records));
+      mean_speed_ = control.mean_speed;
+      fast_samples_ = control.fast_samples;
+      if (had_room) return control.watch;
+      if (count == crowded_count_) return {};
+      world.is_new = false;
+    }
+  }
 
   // Whether so many spheres left their skins in a frame that to look for strays took most of the time.
   bool had_many_strays() const { return last_stray_records_ > count_ / 8; }
@@ -265,50 +304,5 @@ class FrameRuns {
   typename B::template Buffer<StrayRecord> stray_records_[2]{typename B::template Buffer<StrayRecord>(backend_),
                                                              typename B::template Buffer<StrayRecord>(backend_)};
 };
-
-// Not in the class: what is defined there counts as inline, and files that only declare this instantiation would
-// compile all its kernels, too.
-template <Backend B>
-std::optional<Watch> FrameRuns<B>::run(const FrameParameters& frame, std::int64_t frames, float largest_radius,
-                                       const BodyArrays& bodies, std::int64_t count, ContactMemory<B>& memory,
-                                       StageTimer& timer) {
-  if (frames == 0) return Watch{};
-  if (count == crowded_count_) return {};
-  FrameWorld world{};
-  world.frame = frame;
-  world.is_new = count != count_;
-  world.bodies = bodies;
-  world.count = count;
-  const bool is_substep = frame.solver == Solver::substep;
-  const bool is_rough = is_substep && bodies.spins != nullptr;  // the report's loop does not turn spheres
-  world.shape = shape_cells(frame.substep.box, largest_radius, count);
-  const float reach = is_substep ? frame.substep.law.opening_margin : 0.0f;
-  const float dt = frame.substep.flight.dt * (is_substep ? static_cast<float>(frame.iterations) : 1.0f);  // of a frame
-  world.frames_of_lists = choose_frames_of_lists(largest_radius / dt, count, frames);
-  const float thickest = (are_few(count) ? thickest_of_few : thickest_of_many) * largest_radius;
-  world.skin = {skin_time * static_cast<float>(world.frames_of_lists) * dt,
-                (are_few(count) ? thinnest_of_few : thinnest_of_many) * largest_radius, thickest, reach,
-                largest_radius};
-  world.drift = {samples_of(count), static_cast<std::uint32_t>(count / samples_of(count)),
-                 thickest / (most_frames_of_lists * dt)};
-  world.strays.coarse = choose_grid_shape(frame.substep.box, 2.0f * largest_radius, 0.0f, 1, 0.0f);
-  world.strays.passes = static_cast<std::uint32_t>(frame.iterations);
-  choose_lanes(count);
-  for (;;) {
-    resize(world, is_substep, is_rough);
-    set_pointers(world);
-    world.memory = memory.start_run(&control_.data()->watch, frames * frame.iterations).of_pass(0);
-    const FrameControl control = run_once(world, frames, timer);
-    count_ = count;
-    const bool had_room = control.longest <= world.lists.places() && control.most_stray_records <= stray_places_;
-    make_room(control, frames);
-    last_stray_records_ = *std::max_element(std::begin(control.stray_records), std::end(control.stray_records));
-    mean_speed_ = control.mean_speed;
-    fast_samples_ = control.fast_samples;
-    if (had_room) return control.watch;
-    if (count == crowded_count_) return {};
-    world.is_new = false;
-  }
-}
 
 }  // namespace fastcollide

@@ -93,7 +93,8 @@ class LevelRuns {
   std::int64_t count_ = 0;  // of the spheres whose ids the slots hold
 };
 
-// Not in the class, as in frame_runs.hpp.
+// Not in the class: what is defined there counts as inline, and step_cuda.cu, which only declares this instantiation,
+// would compile all its kernels, too.
 template <Backend B>
 Watch LevelRuns<B>::run(const FrameParameters& frame, std::int64_t frames, const CellLevels& levels,
                         const RadiusSurvey& radii, const BodyArrays& bodies, std::int64_t count,

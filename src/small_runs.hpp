@@ -87,7 +87,7 @@ class SmallRuns {
   typename B::template Buffer<Watch> watch_{backend_};
 };
 
-// Not in the class, as in frame_runs.hpp.
+// Not in the class, as in level_runs.hpp.
 template <Backend B>
 Watch SmallRuns<B>::run(const FrameParameters& frame, std::int64_t frames, float largest_radius,
                         const BodyArrays& bodies, std::int64_t count, StageTimer& timer) {

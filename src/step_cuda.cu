@@ -8,7 +8,6 @@
 namespace fastcollide {
 
 static_assert(Backend<CudaBackend>);
-extern template class FrameRuns<CudaBackend>;  // frame_runs_cuda.cu
 extern template class LevelRuns<CudaBackend>;  // level_runs_cuda.cu
 extern template class SmallRuns<CudaBackend>;  // small_runs_cuda.cu
 
