@@ -100,7 +100,7 @@ class FrameRuns {
   static constexpr float thinnest_of_few = 0.25f, thickest_of_few = 0.75f, thinnest_of_many = 0.15f,
                          thickest_of_many = 0.5f;
   static constexpr std::int64_t few = 131072;
-  static bool are_few(std::int64_t count) { return B::has_whole_grid && count <= few; }
+  static bool are_few(std::int64_t count) { return lane_bits_for(count) > 0; }
   // Of cells, in the largest radius. Where eight lanes share a sphere, narrower ones gained nothing.
   struct CellEdges {
     double narrow, wide;

@@ -208,7 +208,7 @@ struct SortedSlots {
 
 // Calls visit(slot, ball) for the slots in the cells that are no farther than `range` from a position; rows of cells
 // are shared among the lanes. Cells count along x first: those of a row are one run, or two where the row goes round.
-template <int at_once = 1, class Visit>
+template <std::uint32_t at_once = 1, class Visit>
 FC_HOST_DEVICE inline void visit_sorted(const SortedSlots& sorted, Vec3 position, float range, Lane lane,
                                         Visit& visit) {
   const GridShape& shape = sorted.shape;
