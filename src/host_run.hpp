@@ -31,14 +31,16 @@ class HostRun {
   // Writes the sum of the counts before each one, n + 1 in all, and leaves the counts at zero.
   void exclusive_scan(Stage stage, std::uint32_t* counts, std::uint32_t* sums, std::int64_t n) {
     timer_.time(backend_, stage, [&] {
-      add_up(counts, sums, n);
+      backend_.exclusive_scan(static_cast<const std::uint32_t*>(counts), sums, n);
       backend_.fill_zero(counts, n);
     });
   }
   // Gives each cell of a frame the slots of its spheres, from their counts, which stay.
   template <class World>
   void allocate_cells(Stage stage, World& world) {
-    timer_.time(backend_, stage, [&] { add_up(world.cell_counts, world.cell_start, world.cells); });
+    timer_.time(backend_, stage, [&] {
+      backend_.exclusive_scan(static_cast<const std::uint32_t*>(world.cell_counts), world.cell_start, world.cells);
+    });
     world.cell_end = world.cell_start + 1;
   }
   template <class World, class Body>
@@ -53,11 +55,6 @@ class HostRun {
   }
 
  private:
-  void add_up(const std::uint32_t* counts, std::uint32_t* sums, std::int64_t n) {
-    backend_.copy(sums, counts, n);
-    backend_.exclusive_scan(sums, n);
-  }
-
   B& backend_;
   StageTimer& timer_;
 };

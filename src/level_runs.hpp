@@ -59,9 +59,9 @@ class LevelRuns {
     velocity_change_.resize(is_substep ? count : 0);
     pick_.resize(is_substep ? count : 0);
     turn_.resize(is_substep && is_rough ? count : 0);
-    if (cell_counts_.size() < cells) {
-      cell_counts_.resize(cells);
-      backend_.fill_zero(cell_counts_.data(), cells);
+    if (cell_counts_.size() < cells + 1) {
+      cell_counts_.resize(cells + 1);
+      backend_.fill_zero(cell_counts_.data(), cells + 1);
     }
     cell_start_.resize(cells + 1);
     watch_.resize(1);

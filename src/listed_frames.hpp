@@ -120,9 +120,9 @@ class ListedFrames {
     pick_.resize(has_crowding ? count : 0);
     turn_.resize(has_crowding && is_rough ? count : 0);
     world.cells = std::int64_t(world.shape.x.cells) * world.shape.y.cells * world.shape.z.cells;
-    if (cell_counts_.size() < world.cells) {
-      cell_counts_.resize(world.cells);
-      backend_.fill_zero(cell_counts_.data(), world.cells);
+    if (cell_counts_.size() < world.cells + 1) {
+      cell_counts_.resize(world.cells + 1);
+      backend_.fill_zero(cell_counts_.data(), world.cells + 1);
     }
     cell_start_.resize(world.cells + 1);
     device_control_.resize(1);

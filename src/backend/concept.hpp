@@ -57,6 +57,8 @@ concept Backend = requires(B backend, typename B::template Buffer<std::uint32_t>
   // Replaces each of the n counts by the sum of those before it, and counts[n], one past the last, by the total.
   backend.exclusive_scan(counts, n);
   backend.exclusive_scan(words, n);
+  // The same from n counts, with any number behind them, to n + 1 sums.
+  backend.exclusive_scan(static_cast<const std::uint32_t*>(words), words, n);
   // Stable sort of (key, value) by the lowest `bits` of the key.
   backend.sort_pairs(static_cast<const std::uint32_t*>(words), words, static_cast<const std::uint32_t*>(words), words,
                      n, bits);

@@ -103,6 +103,10 @@ class CpuBackend {
 
   template <class Count>
   void exclusive_scan(Count* counts, std::int64_t n) {
+    exclusive_scan(static_cast<const Count*>(counts), counts, n);
+  }
+  template <class Count>
+  void exclusive_scan(const Count* counts, Count* sums, std::int64_t n) {
     const std::size_t slabs = static_cast<std::size_t>(slab_count(n));
     std::vector<Count> offset(slabs + 1, 0);
     for_each_slab(n, [&](int slab, std::int64_t begin, std::int64_t end) {
@@ -116,11 +120,11 @@ class CpuBackend {
       Count sum = offset[static_cast<std::size_t>(slab)];
       for (std::int64_t i = begin; i < end; ++i) {
         const Count value = counts[i];
-        counts[i] = sum;
+        sums[i] = sum;
         sum += value;
       }
     });
-    counts[n] = total;
+    sums[n] = total;
   }
 
   // Least-significant-digit radix sort: each slab counts its digits, the counts give every slab its places.

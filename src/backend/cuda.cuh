@@ -210,10 +210,14 @@ class CudaBackend {
 
   template <class Count>
   void exclusive_scan(Count* counts, std::int64_t n) {
-    const OnDevice on(device_);
     fill_zero(counts + n, 1);
+    exclusive_scan(static_cast<const Count*>(counts), counts, n);
+  }
+  template <class Count>
+  void exclusive_scan(const Count* counts, Count* sums, std::int64_t n) {
+    const OnDevice on(device_);
     with_scratch("scan", [&](void* scratch, std::size_t& bytes) {
-      return cub::DeviceScan::ExclusiveSum(scratch, bytes, counts, counts, n + 1, stream_.get());
+      return cub::DeviceScan::ExclusiveSum(scratch, bytes, counts, sums, n + 1, stream_.get());
     });
   }
 

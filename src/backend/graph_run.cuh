@@ -170,9 +170,9 @@ class GraphRun {
   void allocate_cells(Stage stage, World& world) {
     timer_.time(backend_, stage, [&] {
       const std::int64_t row = world.shape.x.cells;
-      if (row > cells_of_block) {
-        backend_.copy(world.cell_start, static_cast<const std::uint32_t*>(world.cell_counts), world.cells);
-        backend_.exclusive_scan(world.cell_start, world.cells);
+      // Of many spheres, those near in space should be near in memory for a whole grid, not for a block of its rows.
+      if (row > cells_of_block || lanes_ < 8) {
+        backend_.exclusive_scan(static_cast<const std::uint32_t*>(world.cell_counts), world.cell_start, world.cells);
         world.cell_end = world.cell_start + 1;
         return;
       }
