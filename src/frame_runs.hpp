@@ -44,7 +44,7 @@ class FrameRuns {
                   largest_radius};
     world.drift = {samples_of(count), static_cast<std::uint32_t>(count / samples_of(count)),
                    thickest / (most_frames_of_lists * dt)};
-    world.strays.coarse = choose_grid_shape(frame.substep.box, 2.0f * largest_radius, 0.0f, 1, 0.0f);
+    world.strays.coarse = choose_grid_shape(frame.substep.box, 2.0f * largest_radius, 0.0f, count / 4, 0.0f);
     world.strays.passes = static_cast<std::uint32_t>(frame.iterations);
     choose_lanes(count);
     for (;;) {
@@ -189,7 +189,7 @@ class FrameRuns {
     }
     const GridShape& coarse = world.strays.coarse;
     // Where many pile up each may be a stray, and more room for them later means to run the frames again.
-    const std::int64_t strays = count > few && count <= 128 * few ? count : count / 8;
+    const std::int64_t strays = are_few(count) ? count / 8 : count <= 128 * few ? count : count / 2;
     stray_places_ = std::max<std::uint32_t>(stray_places_, static_cast<std::uint32_t>(1024 + strays));
     for (int i = 0; i < 2; ++i) {
       stray_heads_[i].resize(std::int64_t(coarse.x.cells) * coarse.y.cells * coarse.z.cells);
