@@ -209,7 +209,7 @@ class EngineOn final : public Engine {
     bool may_have_changed = true;
     for (std::int64_t done = 0; done < frames;) {
       if (go_on && !go_on()) return done;
-      const std::int64_t some = std::min(frames - done, is_trial() ? 1 : frames_at_once_);
+      const std::int64_t some = std::min(frames - done, frames_of_next_run());
       const auto start = std::chrono::steady_clock::now();
       const Watch watch = run_frames(some, parameters, may_have_changed);
       if (watch.first_fault != no_fault) {
@@ -330,10 +330,12 @@ class EngineOn final : public Engine {
              0}};
   }
 
-  // Few enough frames that a fault is told and a wish to stop is heard soon; enough that a GPU is not kept waiting.
+  // Few enough frames that a fault is told and a wish to stop is heard soon; enough that a GPU is not kept waiting, and
+  // that to bring the bodies into the order of the cells and back is little beside them: of 100,000,000 it takes as
+  // long as a frame.
   void adapt_frames_at_once(double seconds) {
-    if (seconds < 0.01 && frames_at_once_ < 4096) frames_at_once_ *= 2;
-    if (seconds > 0.05 && frames_at_once_ > 1) frames_at_once_ /= 2;
+    if (seconds < 0.1 && frames_at_once_ < 4096) frames_at_once_ *= 2;
+    if (seconds > 1.0 && frames_at_once_ > 1) frames_at_once_ /= 2;
   }
 
   void find_crowding(const Substep& substep) {
@@ -490,7 +492,10 @@ class EngineOn final : public Engine {
 
   // Where many spheres leave their skins within a frame, lists that are mended serve better for a spell; then one frame
   // tells whether that is still so.
-  bool is_trial() const { return list_spell_ > 0 && frames_by_list_ <= 0; }
+  std::int64_t frames_of_next_run() const {
+    if (list_spell_ == 0) return frames_at_once_;
+    return frames_by_list_ > 0 ? std::min(frames_by_list_, frames_at_once_) : 1;
+  }
 
   BodyArrays body_arrays() {
     const bool has_crowding = options_.solver == Solver::substep;
