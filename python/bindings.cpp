@@ -337,8 +337,8 @@ void bind_random(nb::module_& m) {
 void bind_machine(nb::module_& m) {
   m.def("limits", [] {
     const fastcollide::Limits limits = fastcollide::limits();
-    return nb::make_tuple(limits.spheres, limits.bytes_per_sphere, limits.bytes_for_spin, limits.bytes_per_cell,
-                          limits.reach_in_radii);
+    return nb::make_tuple(limits.spheres, limits.bytes_per_sphere, limits.bytes_by_cells, limits.bytes_for_spin,
+                          limits.bytes_per_cell, limits.reach_in_radii);
   });
   m.def("devices", [] {
     nb::list found;

@@ -87,16 +87,25 @@ constexpr bool is_debug = true;
 BuildInfo build_info() { return {build::version, build::compiler, build::cuda, build::cuda_architectures, is_debug}; }
 
 Limits limits() {
-  // Bodies, the copy of positions and velocities that a failed frame goes back to, the sorted grid with its unsorted
-  // keys, the sort's second pair of buffers, what the solver keeps from stage to stage.
-  constexpr std::int64_t body = 2 * sizeof(Vec3) + 3 * sizeof(float), kept = 2 * sizeof(Vec3);
+  // Bodies and their crowding, the sorted grid with its unsorted keys, the sort's second pair of buffers.
+  constexpr std::int64_t body = 2 * sizeof(Vec3) + 4 * sizeof(float);
   constexpr std::int64_t slot = 4 * sizeof(std::uint32_t) + 2 * sizeof(Vec4) + sizeof(float);
   constexpr std::int64_t sort = 2 * sizeof(std::uint32_t);
-  constexpr std::int64_t solver = 2 * sizeof(float) + sizeof(Vec3) + sizeof(std::uint32_t);
+  // What the solver keeps from stage to stage.
+  constexpr std::int64_t solver = sizeof(Vec3) + sizeof(std::uint32_t);
+  // By cells, the copy of positions and velocities that a failed frame goes back to.
+  constexpr std::int64_t kept = 2 * sizeof(Vec3) + sizeof(float);
+  // By lists, see FrameRuns: two copies of the slots, where lists were made, lists with a chunk for each 16th sphere,
+  // and room for as many strays as spheres.
+  constexpr std::int64_t copies = 2 * (2 * sizeof(Vec4) + sizeof(float) + sizeof(std::uint32_t) + sizeof(float));
+  constexpr std::int64_t start = sizeof(Vec4) + sizeof(std::uint32_t);
+  constexpr std::int64_t list =
+      (2 + FrameLists::rows_of_many + FrameLists::chunk_places / 16) * sizeof(std::uint32_t) + 2 * sizeof(StrayRecord);
   // And three copies of what contacts remember, without rolling resistance.
   constexpr std::int64_t remembered = sizeof(MemoryRow) + places_in_row * sizeof(MemoryWord);
   constexpr std::int64_t spin = 4 * sizeof(Vec3) + sizeof(float) + 3 * remembered;
-  return {most_spheres, body + kept + slot + sort + solver, spin, 2 * sizeof(std::uint32_t), 1 << 17};
+  constexpr std::int64_t common = body + slot + sort + solver;
+  return {most_spheres, common + copies + start + list, common + kept, spin, 5 * sizeof(std::uint32_t), 1 << 17};
 }
 
 void copy_to_host(void* host, const void* device, std::size_t bytes, int cuda_device) {

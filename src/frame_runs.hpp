@@ -159,7 +159,7 @@ class FrameRuns {
     lane_bits_ = bits;
     may_grow_ = true;
     // Few spheres get long lists at once; of many, most lie in open space at the start.
-    rows_ = needed_rows_ = (count <= few ? 96u : 48u) >> bits;
+    rows_ = needed_rows_ = (count <= few ? 96u : FrameLists::rows_of_many) >> bits;
   }
 
   void resize(FrameWorld& world, bool is_substep, bool is_rough) {

@@ -26,11 +26,13 @@ struct BuildInfo {
 BuildInfo build_info();
 
 struct Limits {
-  std::int64_t spheres;           // in one world
-  std::int64_t bytes_per_sphere;  // of the memory of its device, while it steps
-  std::int64_t bytes_for_spin;    // likewise, more, where there is friction or spin
-  std::int64_t bytes_per_cell;    // likewise; a grid has at most 4 cells a sphere, or 2^18 if that is more
-  std::int64_t reach_in_radii;    // coordinates up to this many smallest radii from 0 are always allowed
+  std::int64_t spheres;  // in one world
+  // Of the memory of its device, while a world of more than 2^17 spheres in flight steps in the way that it takes by
+  // itself; where spheres are crowded, lists of neighbours get longer. With Method::cells.
+  std::int64_t bytes_per_sphere, bytes_by_cells;
+  std::int64_t bytes_for_spin;  // likewise, more, where there is friction or spin
+  std::int64_t bytes_per_cell;  // likewise; a grid has at most 4 cells a sphere, or 2^18 if that is more
+  std::int64_t reach_in_radii;  // coordinates up to this many smallest radii from 0 are always allowed
 };
 
 Limits limits();

@@ -52,7 +52,9 @@ class Limits:
 
     Attributes:
         spheres: the most in one world.
-        bytes_per_sphere: memory on the world's device while it steps.
+        bytes_per_sphere: memory on the world's device while it steps in the way that it takes by itself, of more than
+            2¹⁷ spheres in flight; where they are crowded, lists of neighbours get longer.
+        bytes_by_cells: the same with `method="cells"`.
         bytes_for_spin: more for each sphere of a world with friction or spin.
         bytes_per_cell: a grid has at most 4 cells a sphere, or 2¹⁸ if that is more.
         reach_in_radii: coordinates up to this many smallest radii from 0 are always allowed, those from twice that
@@ -61,6 +63,7 @@ class Limits:
 
     spheres: int
     bytes_per_sphere: int
+    bytes_by_cells: int
     bytes_for_spin: int
     bytes_per_cell: int
     reach_in_radii: int

@@ -20,7 +20,8 @@ def print_info() -> int:
         say("", "no CUDA device found")
     limits = fc.limits()
     say("spheres", f"at most {limits.spheres:,} in one world")
-    say("memory", f"{limits.bytes_per_sphere} bytes a sphere and {limits.bytes_per_cell} a grid cell")
+    by_cells = f'{limits.bytes_by_cells} with method="cells"'
+    say("memory", f"{limits.bytes_per_sphere} bytes a sphere, {by_cells}, and {limits.bytes_per_cell} a grid cell")
     say("", f"{limits.bytes_for_spin} bytes a sphere more with friction or spin")
     say("coordinates", f"up to {limits.reach_in_radii:,} times the smallest radius")
     return EXIT_FINE

@@ -71,7 +71,7 @@ struct Drift {
 // its rows goes on in a chunk of its own. A count may be larger than the places: then the list is void, and its sphere
 // looks through the grid in each pass.
 struct FrameLists {
-  static constexpr std::uint32_t chunk_places = 96;
+  static constexpr std::uint32_t rows_of_many = 48, chunk_places = 96;
   static constexpr std::uint32_t fewest_rows = NearSearch::at_once;  // read at once, whatever the count is
   static constexpr std::uint32_t stray_bit = 0x80000000u;            // in a count: the sphere has left its skin
 
