@@ -388,46 +388,50 @@ struct FrameListNeighbors {
                                               std::uint32_t* list, std::uint32_t*& chunk, std::uint32_t row,
                                               bool may_be_stray, std::uint64_t head) const {
     const Vec4 self = sorted.balls[slot];
-    const float radius = grid.position_radius[slot].w;
+    const float radius = grid.position_radius[slot].w, range = radius + sorted.law.reach;
     const Vec3 drifted = strays.control->drift * age, start = position - drifted;
+    const NearSearch search{grid.position_radius, grid.period, position, range};
     std::uint32_t found = 0;
-    auto write = [&](std::uint32_t other) {
-      if (other == slot || are_listed(self, sorted.balls[other], grid.period, sorted.law.reach)) return;
+    bool may_ask = lane.count == 1;  // for a chunk, once
+    // Where many are strays, a coarse cell has far more of them than are near.
+    auto write_if_near = [&](std::uint32_t other, Vec4 there) {
+      if (other == slot || !search.is_near(there)) return;
+      if (are_listed(self, sorted.balls[other], grid.period, sorted.law.reach)) return;
       const std::uint32_t here = row + found;
       if (here < lists.rows) {
         list[std::int64_t(here) * lists.stride()] = other;
         ++found;
         return;
       }
-      if (lane.count == 1) {
-        if (chunk == nullptr) {
-          const std::uint32_t taken = lists.take_chunk(strays.control);
-          if (taken > 0) chunk = lists.entries_of_chunk(taken);
-        }
-        if (chunk != nullptr && here < lists.rows + FrameLists::chunk_places) {
-          chunk[here - lists.rows] = other;
-          ++found;
-          return;
-        }
+      if (chunk == nullptr && may_ask) {
+        may_ask = false;
+        const std::uint32_t taken = lists.take_chunk(strays.control);
+        if (taken > 0) chunk = lists.entries_of_chunk(taken);
+      }
+      if (chunk != nullptr && here < lists.rows + FrameLists::chunk_places) {
+        chunk[here - lists.rows] = other;
+        ++found;
+        return;
       }
       atomic_max(&strays.control->longest, (here + 1) << lists.lane_bits);
     };
     int turn = 0;
     auto share = [&](std::uint32_t other) {
-      if (turn++ % lane.count == lane.index) write(other);
+      if (turn++ % lane.count == lane.index) write_if_near(other, grid.position_radius[other]);
     };
     if (head != 0) strays.visit(head, share);
     if (!may_be_stray || !is_out_of_skin(self, radius, start, grid.period)) return found;
     // A stray finds the others, which are still in their skins, where the sort has put them.
-    const float range = radius + sorted.law.reach;
-    auto write_if_near = [&](std::uint32_t other, Vec4 ball) {
+    auto write_if_in_skin = [&](std::uint32_t other, Vec4 ball) {
       const Vec3 offset = separation(start, {ball.x, ball.y, ball.z}, grid.period);
       const float most = (range + ball.w) * 1.00001f;
       if (!(dot(offset, offset) <= most * most)) return;
       const Vec4 there = grid.position_radius[other];
-      if (!is_out_of_skin(ball, there.w, Vec3{there.x, there.y, there.z} - drifted, grid.period)) write(other);
+      if (!is_out_of_skin(ball, there.w, Vec3{there.x, there.y, there.z} - drifted, grid.period)) {
+        write_if_near(other, there);
+      }
     };
-    visit_sorted(sorted, start, range + sorted.law.largest_radius + sorted.law.thickest, lane, write_if_near);
+    visit_sorted(sorted, start, range + sorted.law.largest_radius + sorted.law.thickest, lane, write_if_in_skin);
     return found;
   }
 };

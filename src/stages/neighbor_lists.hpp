@@ -101,15 +101,18 @@ struct NearSearch {
   Vec3 period, position;
   float range;
 
-  // A bit for each that is within `range` plus its radius, and perhaps for some a little beyond: those of `there` have
-  // the bits from `bit` on, as far as `end`.
+  // Within `range` plus its radius, or perhaps a little beyond.
+  FC_HOST_DEVICE bool is_near(Vec4 there) const {
+    const Vec3 offset = separation(position, {there.x, there.y, there.z}, period);
+    const float most = (range + there.w) * 1.00001f;
+    return dot(offset, offset) <= most * most;
+  }
+  // A bit for each that is near: those of `there` have the bits from `bit` on, as far as `end`.
   FC_HOST_DEVICE std::uint32_t near_of(const Vec4 (&there)[at_once], std::uint32_t bit, std::uint32_t end) const {
     std::uint32_t near = 0;
     FC_UNROLL
     for (std::uint32_t k = 0; k < at_once; ++k) {
-      const Vec3 offset = separation(position, {there[k].x, there[k].y, there[k].z}, period);
-      const float most = (range + there[k].w) * 1.00001f;
-      if (bit + k < end && dot(offset, offset) <= most * most) near |= 1u << (bit + k);
+      if (bit + k < end && is_near(there[k])) near |= 1u << (bit + k);
     }
     return near;
   }
