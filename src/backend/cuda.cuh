@@ -120,6 +120,8 @@ class CudaBackend {
 
   int cuda_device() const { return device_; }
   cudaStream_t stream() const { return stream_.get(); }
+  // Where CUB works; it moves when some call wants more of it.
+  const void* scratch() const { return scratch_.get(); }
 
   template <class F>
   void for_each(std::int64_t n, const F& f) {

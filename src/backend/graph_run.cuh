@@ -102,17 +102,20 @@ class FrameGraphs {
   // Of 1, 2 or 4 with the same lists: an even number of lists, so that the copies of the state are as they were.
   static constexpr std::int64_t frames = 8;
 
-  // Of a world: all that the kernels of its frames are given.
+  // Of a world, and of the memory that CUB works in: all that the kernels of its frames are given.
   using Key = std::vector<unsigned char>;
   template <class World>
-  static Key key_of(const World& world) {
+  static Key key_of(const World& world, const void* scratch) {
     static_assert(std::is_trivially_copyable_v<World>);
-    Key key(sizeof world);
+    Key key(sizeof world + sizeof scratch);
     std::memcpy(key.data(), &world, sizeof world);
+    std::memcpy(key.data() + sizeof world, &scratch, sizeof scratch);
     return key;
   }
 
-  bool has_run = false;  // stages have been started, so that all that they need is loaded and allocated
+  // Of the largest world whose stages have been started: all that they need is loaded and allocated. While they are
+  // recorded nothing can be.
+  std::int64_t most_cells = -1;
 
   // Null where there is none.
   cudaGraphExec_t find(const Key& key) const {
@@ -188,11 +191,11 @@ class GraphRun {
   void repeat(World& world, std::int64_t times, const Body& body) {
     const std::int64_t each = FrameGraphs::frames / world.frames_of_lists;
     std::int64_t alone = timer_.enabled ? times : times % each;
-    if (!graphs_.has_run) alone = std::min(times, alone + each);
+    if (world.cells > graphs_.most_cells) alone = std::min(times, alone + each);
     for (std::int64_t i = 0; i < alone; ++i) body();
-    graphs_.has_run = true;
+    graphs_.most_cells = std::max(graphs_.most_cells, world.cells);
     if (alone == times) return;
-    const FrameGraphs::Key key = FrameGraphs::key_of(world);
+    const FrameGraphs::Key key = FrameGraphs::key_of(world, backend_.scratch());
     if (graphs_.find(key) == nullptr) graphs_.keep(key, record(each, body));
     cudaGraphExec_t graph = graphs_.find(key);
     for (std::int64_t i = alone; i < times; i += each) {

@@ -309,6 +309,22 @@ def test_more_neighbors_than_lists_can_hold(device, solver):
     assert_equal_steps(worlds, (1, 1), 1e-4)
 
 
+@pytest.mark.parametrize("between", ["look", "add"])
+def test_frames_go_on_after_other_work(device, solver, between):
+    """On a GPU frames are recorded with the addresses that they use; other work may move them, or need more of them."""
+    spheres = fc.random_spheres(34_000, seed=11)
+    worlds = [fc.World(device=device, solver=solver, method=method) for method in ("list", "frame")]
+    for world in worlds:
+        world.add(spheres)
+    assert_equal_steps(worlds, (12,))
+    for world in worlds:
+        if between == "look":
+            world.contacts()
+        else:
+            world.add(fc.random_spheres(20_000, seed=12, radius=(0.05, 0.1)))
+    assert_equal_steps(worlds, (12, 12))
+
+
 def test_any_number_of_threads_makes_the_same_lists(solver):
     spheres = fc.random_spheres(5000, seed=10)
     hashes = set()
