@@ -316,13 +316,13 @@ def test_frames_go_on_after_other_work(device, solver, between):
     worlds = [fc.World(device=device, solver=solver, method=method) for method in ("list", "frame")]
     for world in worlds:
         world.add(spheres)
-    assert_equal_steps(worlds, (12,))
+    assert_equal_steps(worlds, (12, 12))  # the first time each frame is started by itself
     for world in worlds:
         if between == "look":
             world.contacts()
         else:
             world.add(fc.random_spheres(20_000, seed=12, radius=(0.05, 0.1)))
-    assert_equal_steps(worlds, (12, 12))
+    assert_equal_steps(worlds, (12,))
 
 
 def test_any_number_of_threads_makes_the_same_lists(solver):
