@@ -36,8 +36,10 @@ class ContactMemory {
   MemoryCopies start_run(Watch* watch, std::int64_t passes) {
     if (!is_kept()) return {};
     const int first = passes % 2 == 0 ? 1 : 2;
-    backend_.fill_zero(copies_[first].rows.data(), copies_[first].rows.size());
-    backend_.fill_zero(copies_[first].chained_count.data(), 1);
+    for (int i : {1, 2}) {
+      backend_.fill_zero(copies_[i].rows.data(), copies_[i].rows.size());
+      backend_.fill_zero(copies_[i].chained_count.data(), 1);
+    }
     return {{view(copies_[0]), view(copies_[first]), view(copies_[3 - first])}, &watch->memory_wanted};
   }
   // After a run: false when it found no place for some entry. It has to be run again; now there is room.

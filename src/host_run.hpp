@@ -19,6 +19,18 @@ class HostRun {
   void for_each_sphere(Stage stage, std::int64_t n, const Pass& pass) {
     for_each(stage, n, pass);
   }
+  // Runs pass(i) for the records of those for whom find() is true.
+  template <class Find, class Record, class Pass>
+  void for_each_with_record(Stage stage, std::int64_t n, const Find& find, Record* records, const Pass& pass) {
+    for_each(stage, n, [=](std::int64_t slot) {
+      Record record;
+      record.slot = static_cast<std::uint32_t>(slot);
+      if (find(slot, record.count, [&](std::uint32_t k) -> std::uint32_t& { return record.near[k]; })) {
+        records[atomic_add(find.record_counts(), 1)] = record;
+      }
+    });
+    for_each(stage, read(static_cast<const std::uint32_t*>(find.record_counts())), pass);
+  }
   // Pass is one of contacts, group some slots that lie one after the other and the lanes that each is worth.
   template <class Group, class Pass>
   void for_each_of_group(Stage stage, const Group& group, const Pass& pass) {

@@ -60,6 +60,80 @@ __global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 4
   if (is_mine && lane.index == 0) here.finish(self, slot, sum);
 }
 
+// Writes records of the spheres for whom find() is true, those of a block one after the other: from the first place on,
+// or from the last one down where it is not known who is near.
+template <class Find, class Record>
+__global__ void __launch_bounds__(graph_run_threads)
+    write_records(std::int64_t n, Record* records, const __grid_constant__ Find find) {
+  constexpr int warps = graph_run_threads / 32;
+  __shared__ std::uint32_t near[Record::places][graph_run_threads], found[warps][2], first[2];
+  wait_for_stage_before();
+  const std::int64_t slot = std::int64_t(blockIdx.x) * blockDim.x + threadIdx.x;
+  const int warp = static_cast<int>(threadIdx.x / 32);
+  std::uint32_t count = 0;
+  const auto place = [&](std::uint32_t k) -> std::uint32_t& { return near[k][threadIdx.x]; };
+  const bool has_record = slot < n && find(slot, count, place);
+  const int kind = count == Record::unknown ? 1 : 0;
+  const std::uint32_t masks[2] = {__ballot_sync(0xFFFFFFFFu, has_record && kind == 0),
+                                  __ballot_sync(0xFFFFFFFFu, has_record && kind == 1)};
+  if (threadIdx.x % 32 < 2) found[warp][threadIdx.x % 32] = static_cast<std::uint32_t>(__popc(masks[threadIdx.x % 32]));
+  __syncthreads();
+  if (threadIdx.x < 2) {
+    std::uint32_t all = 0;
+    for (int i = 0; i < warps; ++i) all += found[i][threadIdx.x];
+    if (all > 0) first[threadIdx.x] = atomicAdd(find.record_counts() + threadIdx.x, all);
+  }
+  __syncthreads();
+  if (!has_record) return;
+  std::uint32_t before = first[kind] + static_cast<std::uint32_t>(__popc(masks[kind] & ((1u << threadIdx.x % 32) - 1)));
+  for (int i = 0; i < warp; ++i) before += found[i][kind];
+  Record record;
+  record.slot = static_cast<std::uint32_t>(slot);
+  record.count = count;
+#pragma unroll
+  for (std::uint32_t k = 0; k < Record::places; ++k) record.near[k] = place(k);  // of which some are not used
+  records[kind == 0 ? before : n - 1 - before] = record;
+}
+
+// A warp shares a sphere of which it is not known who is near: to search takes long, and few have to.
+template <class Pass>
+__global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 4 : 5)
+    run_pass_with_records(std::int64_t n, const std::uint32_t* counts, const __grid_constant__ Pass pass) {
+  constexpr std::uint32_t places = 128;
+  __shared__ std::uint32_t near[graph_run_threads / 32][places], found[graph_run_threads / 32];
+  wait_for_stage_before();
+  const std::uint32_t thread = blockIdx.x * blockDim.x + threadIdx.x, threads = gridDim.x * blockDim.x;
+  const std::uint32_t known = counts[0], unknown = counts[1];
+  const Lane lane{static_cast<int>(threadIdx.x % 32), 32};
+  for (std::uint32_t i = thread / 32; i < unknown; i += threads / 32) {
+    const std::int64_t record = n - 1 - i, slot = pass.records[record].slot;
+    std::uint32_t* here_near = near[threadIdx.x / 32];
+    std::uint32_t& here_found = found[threadIdx.x / 32];
+    auto here = pass.at(slot);
+    const auto self = here.load(slot);
+    here_found = 0;
+    __syncwarp();
+    auto keep = [&](std::uint32_t other) {
+      const std::uint32_t place = atomicAdd(&here_found, 1);
+      if (place < places) here_near[place] = other;
+    };
+    here.neighbors.visit_shared(here.grid, slot, here.grid.position_radius[slot], lane, keep);
+    __syncwarp();
+    if (here_found > places) {
+      if (lane.index == 0) pass(record);
+    } else {
+      here.neighbors.near = here_near;
+      here.neighbors.count = here_found;
+      typename Pass::Sum sum = here.gather(self, slot, lane);
+#pragma unroll
+      for (int distance = 16; distance > 0; distance /= 2) sum.combine(of_lane(sum, distance));
+      if (lane.index == 0) here.finish(self, slot, sum);
+    }
+    __syncwarp();
+  }
+  for (std::uint32_t i = thread; i < known; i += threads) pass(i);
+}
+
 // Cells get their slots in blocks of whole rows, in the order in which the blocks come: a row of cells must be one run
 // of slots, and nothing else is asked of the order.
 inline constexpr int cell_block_threads = 256, cells_of_thread = 4,
@@ -113,9 +187,9 @@ class FrameGraphs {
     return key;
   }
 
-  // Of the largest world whose stages have been started: all that they need is loaded and allocated. While they are
-  // recorded nothing can be.
-  std::int64_t most_cells = -1;
+  // Of the largest worlds without and with near_records whose stages have been started: all that they need is loaded
+  // and allocated. While they are recorded nothing can be.
+  std::int64_t most_cells[2] = {-1, -1};
 
   // Null where there is none.
   cudaGraphExec_t find(const Key& key) const {
@@ -169,6 +243,23 @@ class GraphRun {
     });
   }
 
+  template <class Find, class Record, class Pass>
+  void for_each_with_record(Stage stage, std::int64_t n, const Find& find, Record* records, const Pass& pass) {
+    timer_.time(backend_, stage, [&] {
+      launch(write_records<Find, Record>, blocks(n), graph_run_threads, n, records, find);
+      // How many there are only the device knows; worlds run like this where a quarter has records, or fewer.
+      launch(run_pass_with_records<Pass>, blocks(n / 8 + 1), graph_run_threads, n,
+             static_cast<const std::uint32_t*>(find.record_counts()), pass);
+    });
+  }
+
+  template <class T>
+  T read(const T* word) {
+    T value;
+    backend_.copy_to_host(&value, word, 1);
+    return value;
+  }
+
   template <class World>
   void allocate_cells(Stage stage, World& world) {
     timer_.time(backend_, stage, [&] {
@@ -191,9 +282,10 @@ class GraphRun {
   void repeat(World& world, std::int64_t times, const Body& body) {
     const std::int64_t each = FrameGraphs::frames / world.frames_of_lists;
     std::int64_t alone = timer_.enabled ? times : times % each;
-    if (world.cells > graphs_.most_cells) alone = std::min(times, alone + each);
+    std::int64_t& most_cells = graphs_.most_cells[world.near_records != nullptr ? 1 : 0];
+    if (world.cells > most_cells) alone = std::min(times, alone + each);
     for (std::int64_t i = 0; i < alone; ++i) body();
-    graphs_.most_cells = std::max(graphs_.most_cells, world.cells);
+    most_cells = std::max(most_cells, world.cells);
     if (alone == times) return;
     const FrameGraphs::Key key = FrameGraphs::key_of(world, backend_.scratch());
     if (graphs_.find(key) == nullptr) graphs_.keep(key, record(each, body));

@@ -52,4 +52,7 @@ FC_HOST_DEVICE inline float crowding_of(const CrowdingSum& sum) {
 // whose impacts wait. It is as crowded then as soon as those contacts are resting ones.
 FC_HOST_DEVICE inline bool is_held(float crowding) { return crowding > 0.0f; }
 
+// The sign alone tells it, also of -0: a contact may be too weak to count.
+FC_HOST_DEVICE inline bool had_resting_contacts(float crowding) { return bits_of(crowding) >> 31 == 0; }
+
 }  // namespace fastcollide

@@ -22,7 +22,8 @@ struct ApplyContacts {
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
     const SoftContactLaw& law = substep.law;
     const Sphere self = falling_sphere_in_slot(grid, slot, substep.flight);
-    if (cleared.rows != nullptr) cleared.clear(self.id);
+    // Only where some contact pushed the sphere in the pass before has it written into its row then.
+    if (cleared.rows != nullptr) cleared.clear(self.id, had_resting_contacts(grid.crowding[slot]));
     const std::uint32_t partner = pick[slot];
     const bool is_touched = partner != pick_of_untouched;
     const Vec3 resting_change = is_touched ? velocity_change[slot] : Vec3{0, 0, 0};

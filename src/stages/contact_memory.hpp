@@ -72,8 +72,9 @@ struct MemoryRows {
     if (width > 1) entry[1] = {stretch.roll, partner};
     return 0;
   }
-  FC_HOST_DEVICE void clear(std::uint32_t owner) const {
-    if (rows[owner].count != 0) rows[owner].count = rows[owner].last_chained = 0;  // most rows are empty
+  // `may_have_entries`: most rows have none, and need not even be read.
+  FC_HOST_DEVICE void clear(std::uint32_t owner, bool may_have_entries) const {
+    if (may_have_entries) rows[owner].count = rows[owner].last_chained = 0;
     if (owner == 0) *chained_count = 0;
   }
 };

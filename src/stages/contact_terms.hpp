@@ -54,4 +54,14 @@ FC_HOST_DEVICE inline ContactTerms contact_terms(const Substep& substep, Vec3 pe
   return {contact, weight, push, speed, part, speed * part * share, met_at, is_counted, is_resting, is_impact};
 }
 
+// Whether contact_terms() may find one that counts; with a margin of 1e-5 for rounding. `h`: a substep [s].
+FC_HOST_DEVICE inline bool may_count(const Sphere& self, const Sphere& neighbor, Vec3 period, float h) {
+  const Vec3 offset = separation(self.position, neighbor.position, period);
+  const float reach = (self.radius + neighbor.radius) * 1.00001f, square = dot(offset, offset);
+  if (square <= reach * reach) return true;
+  // Those that part are within a substep of having touched, those that come together within one of touching.
+  const float distance = square_root(square), along = fabsf(dot(self.velocity - neighbor.velocity, offset));
+  return (distance - reach) * distance <= along * (h * 1.00001f);
+}
+
 }  // namespace fastcollide

@@ -21,25 +21,30 @@ struct FrameControl {
   std::uint32_t longest;           // that a pass wanted, where it found more than a list and strays have room for
   std::uint32_t stray_records[3];  // in turn: of the pass before, of this one, of the next
   std::uint32_t most_stray_records;
+  // In turn of this pass, of the next: where it is known who is near, and where not.
+  std::uint32_t near_records[2][2];
   Vec3 drift, next_drift;  // with which the skins move with these lists and with the next ones [m/s]
   // Of some spheres, for the lists that are made next.
   std::uint64_t velocity_sum[3];  // in units of 2^-20 m/s
   std::uint64_t speed_sum;        // beside the drift, likewise
   std::uint32_t fast;             // as Drift::fast: how many
+  std::uint32_t touched;          // by others, in the substep before
   // And of the last lists that were made.
-  std::uint32_t fast_samples;
+  std::uint32_t fast_samples, touched_samples;
   float mean_speed;  // [m/s]
   Watch watch;
 };
 
-// Keeps the mean velocity of some spheres for the skins of the next lists, and how they move beside it.
+// Keeps the mean velocity of some spheres for the skins of the next lists, how they move beside it and whether others
+// touch them.
 struct Drift {
   static constexpr float unit = 0x1p-20f, fastest = 1e6f;  // [m/s]
   std::uint32_t samples;
   std::uint32_t stride;  // from one of their slots to the next
   float fast;            // such a sphere leaves any skin that is kept long [m/s]
 
-  FC_HOST_DEVICE void add(std::int64_t slot, Vec3 velocity, FrameControl* control) const {
+  // `crowding` of all slots, or null.
+  FC_HOST_DEVICE void add(std::int64_t slot, Vec3 velocity, const float* crowding, FrameControl* control) const {
     if (slot % stride != 0 || slot / stride >= samples) return;
     const auto word = [](float speed) {
       return static_cast<std::uint64_t>(round_to_int64(clamp(speed, -fastest, fastest) * (1.0f / unit)));
@@ -50,6 +55,7 @@ struct Drift {
     const float speed = length(velocity - control->next_drift);
     atomic_add(&control->speed_sum, word(speed));
     if (!(speed < fast)) atomic_add(&control->fast, 1);
+    if (crowding != nullptr && crowding[slot] != 0.0f) atomic_add(&control->touched, 1);
   }
   FC_HOST_DEVICE void end(FrameControl* control) const {
     const float part = unit / static_cast<float>(samples);
@@ -62,7 +68,8 @@ struct Drift {
     control->next_drift = {mean(sums[0]), mean(sums[1]), mean(sums[2])};
     control->mean_speed = mean(control->speed_sum);
     control->fast_samples = control->fast;
-    control->fast = 0;
+    control->touched_samples = control->touched;
+    control->fast = control->touched = 0;
   }
 };
 
@@ -317,6 +324,14 @@ struct RecordFrameLists {
   }
 };
 
+// Who is near a sphere in flight, where that is known.
+struct alignas(32) NearRecord {
+  static constexpr std::uint32_t places = 6;
+  static constexpr std::uint32_t unknown = ~std::uint32_t(0);  // as count
+
+  std::uint32_t slot, count, near[places];
+};
+
 // What a contact pass looks at: the list and, where the pass before has left strays, those that it does not know.
 struct FrameListNeighbors {
   SortedSlots sorted;
@@ -372,6 +387,67 @@ struct FrameListNeighbors {
     if (is_void) visit_grid(grid, slot, lane, visit);
   }
 
+  // Writes who is near to near(0), near(1) and so on, and returns how many there are; unknown where they are too many
+  // or not all in the list.
+  template <class Near>
+  FC_HOST_DEVICE std::uint32_t find_near(const GridView& grid, std::int64_t slot, Vec4 self, const Near& near) const {
+    const Vec3 position{self.x, self.y, self.z};
+    // As in visit().
+    const std::uint32_t* list = lists.of_lane(slot, 0);
+    std::uint32_t others[NearSearch::at_once];
+    FC_UNROLL
+    for (std::uint32_t k = 0; k < NearSearch::at_once; ++k) others[k] = list[std::int64_t(k) * lists.stride()];
+    const std::uint32_t stamp = is_first ? 0 : strays.stamp_near(position);
+    const std::uint32_t count = lists.counts[slot];
+    if (count > lists.rows) return NearRecord::unknown;  // also with the bit of a stray
+    const NearSearch search{grid.position_radius, grid.period, position, self.w + sorted.law.reach};
+    std::uint32_t found = 0;
+    for (std::uint32_t begin = 0; begin < count; begin += NearSearch::at_once) {
+      Vec4 there[NearSearch::at_once];
+      FC_UNROLL
+      for (std::uint32_t k = 0; k < NearSearch::at_once; ++k) {
+        if (begin > 0 && begin + k < count) others[k] = list[std::int64_t(begin + k) * lists.stride()];
+        there[k] = grid.position_radius[begin + k < count ? others[k] : static_cast<std::uint32_t>(slot)];
+      }
+      FC_UNROLL
+      for (std::uint32_t k = 0; k < NearSearch::at_once; ++k) {
+        if (begin + k >= count || !search.is_near(there[k])) continue;
+        if (found < NearRecord::places) near(found) = others[k];
+        ++found;
+      }
+    }
+    if (!is_first && stamp == strays.stamp()) {
+      auto look_at = [&](std::uint32_t stray) {
+        if (stray != slot && search.is_near(grid.position_radius[stray])) found = NearRecord::places + 1;
+      };
+      if (const std::uint64_t head = strays.head_near(position); head != 0) strays.visit(head, look_at);
+    }
+    return found <= NearRecord::places ? found : NearRecord::unknown;
+  }
+
+  // Calls found(other) for all that are near; lanes share a list that has one lane.
+  template <class Found>
+  FC_HOST_DEVICE void visit_shared(const GridView& grid, std::int64_t slot, Vec4 self, Lane lane, Found& found) const {
+    const Vec3 position{self.x, self.y, self.z};
+    const NearSearch search{grid.position_radius, grid.period, position, self.w + sorted.law.reach};
+    auto look_at = [&](std::uint32_t other) {
+      if (search.is_near(grid.position_radius[other])) found(other);
+    };
+    const std::uint32_t count = lists.counts[slot], wanted = count & ~FrameLists::stray_bit;
+    if (wanted > lists.places_of(slot, wanted)) {
+      visit_grid(grid, slot, lane, look_at);
+    } else {
+      const std::uint32_t* list = lists.of_lane(slot, 0);
+      const std::uint32_t* chunk = wanted > lists.rows ? lists.entries_of_chunk(lists.chunk_of_slot[slot]) : nullptr;
+      for (auto row = static_cast<std::uint32_t>(lane.index); row < wanted; row += static_cast<unsigned>(lane.count)) {
+        look_at(row < lists.rows ? list[std::int64_t(row) * lists.stride()] : chunk[row - lists.rows]);
+      }
+    }
+    const std::uint64_t head = is_first ? 0 : strays.head_near(position);
+    const bool is_stray = count != wanted;
+    if (is_stray || head != 0) visit_unlisted(grid, slot, position, lane, is_stray, head, found);
+  }
+
  private:
   // What the list should hold.
   template <class Visit>
@@ -387,16 +463,9 @@ struct FrameListNeighbors {
   FC_HOST_DEVICE std::uint32_t write_unlisted(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane,
                                               std::uint32_t* list, std::uint32_t*& chunk, std::uint32_t row,
                                               bool may_be_stray, std::uint64_t head) const {
-    const Vec4 self = sorted.balls[slot];
-    const float radius = grid.position_radius[slot].w, range = radius + sorted.law.reach;
-    const Vec3 drifted = strays.control->drift * age, start = position - drifted;
-    const NearSearch search{grid.position_radius, grid.period, position, range};
     std::uint32_t found = 0;
     bool may_ask = lane.count == 1;  // for a chunk, once
-    // Where many are strays, a coarse cell has far more of them than are near.
-    auto write_if_near = [&](std::uint32_t other, Vec4 there) {
-      if (other == slot || !search.is_near(there)) return;
-      if (are_listed(self, sorted.balls[other], grid.period, sorted.law.reach)) return;
+    auto write = [&](std::uint32_t other) {
       const std::uint32_t here = row + found;
       if (here < lists.rows) {
         list[std::int64_t(here) * lists.stride()] = other;
@@ -415,24 +484,39 @@ struct FrameListNeighbors {
       }
       atomic_max(&strays.control->longest, (here + 1) << lists.lane_bits);
     };
+    visit_unlisted(grid, slot, position, lane, may_be_stray, head, write);
+    return found;
+  }
+
+  // Calls found(other) for those that are near and not listed. Where many are strays, a coarse cell has far more of
+  // them than are near.
+  template <class Found>
+  FC_HOST_DEVICE void visit_unlisted(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane,
+                                     bool may_be_stray, std::uint64_t head, Found& found) const {
+    const Vec4 self = sorted.balls[slot];
+    const float radius = grid.position_radius[slot].w, range = radius + sorted.law.reach;
+    const Vec3 drifted = strays.control->drift * age, start = position - drifted;
+    const NearSearch search{grid.position_radius, grid.period, position, range};
+    auto look_at = [&](std::uint32_t other, Vec4 there) {
+      if (other == slot || !search.is_near(there)) return;
+      if (!are_listed(self, sorted.balls[other], grid.period, sorted.law.reach)) found(other);
+    };
     int turn = 0;
     auto share = [&](std::uint32_t other) {
-      if (turn++ % lane.count == lane.index) write_if_near(other, grid.position_radius[other]);
+      if (turn++ % lane.count == lane.index) look_at(other, grid.position_radius[other]);
     };
     if (head != 0) strays.visit(head, share);
-    if (!may_be_stray || !is_out_of_skin(self, radius, start, grid.period)) return found;
+    if (!may_be_stray || !is_out_of_skin(self, radius, start, grid.period)) return;
     // A stray finds the others, which are still in their skins, where the sort has put them.
-    auto write_if_in_skin = [&](std::uint32_t other, Vec4 ball) {
-      const Vec3 offset = separation(start, {ball.x, ball.y, ball.z}, grid.period);
-      const float most = (range + ball.w) * 1.00001f;
-      if (!(dot(offset, offset) <= most * most)) return;
+    const NearSearch search_of_skins{sorted.balls, grid.period, start, range};
+    auto look_at_skin = [&](std::uint32_t other, Vec4 ball) {
+      if (!search_of_skins.is_near(ball)) return;
       const Vec4 there = grid.position_radius[other];
       if (!is_out_of_skin(ball, there.w, Vec3{there.x, there.y, there.z} - drifted, grid.period)) {
-        write_if_near(other, there);
+        look_at(other, there);
       }
     };
-    visit_sorted(sorted, start, range + sorted.law.largest_radius + sorted.law.thickest, lane, write_if_in_skin);
-    return found;
+    visit_sorted(sorted, start, range + sorted.law.largest_radius + sorted.law.thickest, lane, look_at_skin);
   }
 };
 

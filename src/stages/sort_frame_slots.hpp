@@ -85,12 +85,13 @@ struct ScatterFrameSlots {
     const Vec3 velocity = move.velocity_of(slot);
     built[place] = {here.x, here.y, here.z, here.w + law.skin_of(velocity - control->next_drift)};
     list_counts[place] = 0;
-    drift.add(slot, velocity, control);
+    drift.add(slot, velocity, move.from.crowding, control);
     if (slot > 0) return;
     control->frame = control->next_frame;
     control->next_frame += frames;
     control->drift = control->next_drift;
     control->next_slot = control->next_chunk = 0;
+    for (auto& counts : control->near_records) counts[0] = counts[1] = 0;
     control->stray_records[0] = control->stray_records[1] = control->stray_records[2] = 0;
   }
 };

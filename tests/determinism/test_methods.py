@@ -121,6 +121,17 @@ def test_friction_that_comes_and_goes(device, write):
         assert ("contact_owner" in worlds[0]._world.save()) == (friction > 0)
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_flight_among_fixed_spheres(device, friction):
+    """Where few touch each other, who is near is found out before a contact pass: also a fixed one that all bounce off,
+    and walls."""
+    bounds = ((0, 0, 0), (5, 5, 5))
+    spheres = fc.random_spheres(500, bounds, seed=5, radius=(0.05, 0.15), friction=friction)
+    spheres = replace(spheres, mass=np.where(np.arange(500) % 5 == 0, np.inf, spheres.mass))
+    worlds = all_methods(device, "substep", spheres, bounds=bounds, gravity=(0, 0, -2))
+    assert_equal_steps(worlds, (1, 2, 4, 8, 20, 40))
+
+
 def test_more_rough_contacts_than_a_row_holds(device):
     """Spheres in cups of twelve fixed ones, which the free one remembers all; the memory grows on the way."""
     angle = np.arange(12) * np.pi / 6
