@@ -21,9 +21,8 @@ struct FrameControl {
   std::uint32_t longest;           // that a pass wanted, where it found more than a list and strays have room for
   std::uint32_t stray_records[3];  // in turn: of the pass before, of this one, of the next
   std::uint32_t most_stray_records;
-  // In turn of this pass, of the next: where it is known who is near, and where not.
-  std::uint32_t near_records[2][2];
-  Vec3 drift, next_drift;  // with which the skins move with these lists and with the next ones [m/s]
+  std::uint32_t near_records[2][2];  // in turn of this pass, of the next: with who is near, without
+  Vec3 drift, next_drift;            // with which the skins move with these lists and with the next ones [m/s]
   // Of some spheres, for the lists that are made next.
   std::uint64_t velocity_sum[3];  // in units of 2^-20 m/s
   std::uint64_t speed_sum;        // beside the drift, likewise
@@ -392,7 +391,7 @@ struct FrameListNeighbors {
   template <class Near>
   FC_HOST_DEVICE std::uint32_t find_near(const GridView& grid, std::int64_t slot, Vec4 self, const Near& near) const {
     const Vec3 position{self.x, self.y, self.z};
-    // As in visit().
+    // As in visit(), asked for before the count is known.
     const std::uint32_t* list = lists.of_lane(slot, 0);
     std::uint32_t others[NearSearch::at_once];
     FC_UNROLL
