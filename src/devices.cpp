@@ -96,11 +96,11 @@ Limits limits() {
   // By cells, the copy of positions and velocities that a failed frame goes back to.
   constexpr std::int64_t kept = 2 * sizeof(Vec3) + sizeof(float);
   // By lists, see FrameRuns: two copies of the slots, where lists were made, lists with a chunk for each 16th sphere,
-  // room for as many strays as spheres, and for who is near.
+  // and room for as many strays as spheres.
   constexpr std::int64_t copies = 2 * (2 * sizeof(Vec4) + sizeof(float) + sizeof(std::uint32_t) + sizeof(float));
   constexpr std::int64_t start = sizeof(Vec4) + sizeof(std::uint32_t);
-  constexpr std::int64_t list = (2 + FrameLists::rows_of_many + FrameLists::chunk_places / 16) * sizeof(std::uint32_t) +
-                                2 * sizeof(StrayRecord) + sizeof(NearRecord);
+  constexpr std::int64_t list =
+      (2 + FrameLists::rows_of_many + FrameLists::chunk_places / 16) * sizeof(std::uint32_t) + 2 * sizeof(StrayRecord);
   // And three copies of what contacts remember, without rolling resistance.
   constexpr std::int64_t remembered = sizeof(MemoryRow) + places_in_row * sizeof(MemoryWord);
   constexpr std::int64_t spin = 4 * sizeof(Vec3) + sizeof(float) + 3 * remembered;

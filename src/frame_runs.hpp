@@ -161,6 +161,8 @@ class FrameRuns {
     if (!B::has_whole_grid) return 0;
     return count <= 32768 ? 3 : count <= few ? 2 : 0;
   }
+  // Else a cell ends where the next one begins.
+  bool takes_cells_in_blocks() const { return lane_bits_ == 3; }
   void choose_lanes(std::int64_t count) {
     const std::uint32_t bits = lane_bits_for(count);
     if (bits == lane_bits_ && rows_ > 0) return;
@@ -186,7 +188,7 @@ class FrameRuns {
       backend_.fill_zero(cell_counts_.data(), world.cells + 1);
     }
     cell_start_.resize(world.cells + 1);
-    cell_end_.resize(world.cells + 1);
+    cell_end_.resize(takes_cells_in_blocks() ? world.cells + 1 : 0);
     control_.resize(1);
     list_counts_.resize(count);
     resize_lists(count);
@@ -265,7 +267,7 @@ class FrameRuns {
     world.cell_of_slot = cell_of_slot_.data();
     world.cell_counts = cell_counts_.data();
     world.cell_start = cell_start_.data();
-    world.cell_end = cell_end_.data();
+    world.cell_end = takes_cells_in_blocks() ? cell_end_.data() : cell_start_.data() + 1;
     world.lists = {list_entries_.data(),
                    list_counts_.data(),
                    rows_,

@@ -53,7 +53,6 @@ class HostRun {
     timer_.time(backend_, stage, [&] {
       backend_.exclusive_scan(static_cast<const std::uint32_t*>(world.cell_counts), world.cell_start, world.cells);
     });
-    world.cell_end = world.cell_start + 1;
   }
   template <class World, class Body>
   void repeat(World&, std::int64_t times, const Body& body) {
