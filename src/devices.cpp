@@ -96,7 +96,8 @@ Limits limits() {
   // By cells, the copy of positions and velocities that a failed frame goes back to.
   constexpr std::int64_t kept = 2 * sizeof(Vec3) + sizeof(float);
   // By lists, see FrameRuns: two copies of the slots, where lists were made, lists with a chunk for each 16th sphere,
-  // and room for as many strays as spheres.
+  // and room for as many strays as spheres. Records of who is near are left out, as worlds do without where memory has
+  // no room for them.
   constexpr std::int64_t copies = 2 * (2 * sizeof(Vec4) + sizeof(float) + sizeof(std::uint32_t) + sizeof(float));
   constexpr std::int64_t start = sizeof(Vec4) + sizeof(std::uint32_t);
   constexpr std::int64_t list =

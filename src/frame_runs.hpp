@@ -207,7 +207,7 @@ class FrameRuns {
       stray_records_[i].resize(stray_places_);
     }
   }
-  // A wish, too.
+  // Records are a wish: where memory has no room for them, contact passes take all spheres.
   void resize_near_records(std::int64_t count) {
     try {
       near_records_.resize(count);

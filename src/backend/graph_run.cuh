@@ -247,7 +247,7 @@ class GraphRun {
   void for_each_with_record(Stage stage, std::int64_t n, const Find& find, Record* records, const Pass& pass) {
     timer_.time(backend_, stage, [&] {
       launch(write_records<Find, Record>, blocks(n), graph_run_threads, n, records, find);
-      // How many there are only the device knows; worlds run like this where a quarter has records, or fewer.
+      // How many there are only the device knows; about as many as are touched, less than an eighth.
       launch(run_pass_with_records<Pass>, blocks(n / 8 + 1), graph_run_threads, n,
              static_cast<const std::uint32_t*>(find.record_counts()), pass);
     });
