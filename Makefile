@@ -89,7 +89,7 @@ clean:
 	@touch $@
 
 .venv/installed: .venv/build-tools $(sources)
-	@echo "== Building and installing fastcollide (about a minute)"
+	@echo "== Building and installing fastcollide (a minute or two; some minutes with the CUDA code)"
 	@SKBUILD_BUILD_DIR=build/package \
 	SKBUILD_CMAKE_DEFINE="FASTCOLLIDE_BUILD_TESTS=ON;FASTCOLLIDE_CUDA=$(FASTCOLLIDE_CUDA);FASTCOLLIDE_CUDA_ARCHITECTURES=$(subst ;, ,$(FASTCOLLIDE_CUDA_ARCHITECTURES))" \
 	  pip install --quiet --no-build-isolation ".[docs,files,plot,video,view,test]"
