@@ -178,12 +178,12 @@ void make_frame_lists(Run& run, FrameWorld& world, std::uint32_t frames) {
 }
 
 // To find out who is near before a contact pass pays where that then has few spheres to take. On an H100, 1,000,000 of
-// which 6 % are touched, with friction and without: 0.99 and 0.75 ms, without it 1.18 and 0.80; of which 20 % are: 3.9
-// and 1.68, without it 2.4 and 1.25.
+// which 6 %, 20 % and 25 % are touched took 0.76, 0.88 and 1.42 ms, without it 0.81, 0.98 and 1.54; with friction 1.06,
+// 1.55 and 2.84, without it 1.26, 1.77 and 3.07. Where nearly all are it took half as long again.
 template <class Run>
 void choose_near_records(Run& run, FrameWorld& world) {
   const std::uint32_t touched = run.read(&world.control->touched_samples);
-  world.near_records = 8 * std::int64_t(touched) < world.drift.samples ? world.room_for_records : nullptr;
+  world.near_records = 3 * std::int64_t(touched) < world.drift.samples ? world.room_for_records : nullptr;
 }
 inline constexpr std::int64_t frames_to_look = 16;  // whether it pays
 

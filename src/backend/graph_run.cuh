@@ -247,8 +247,8 @@ class GraphRun {
   void for_each_with_record(Stage stage, std::int64_t n, const Find& find, Record* records, const Pass& pass) {
     timer_.time(backend_, stage, [&] {
       launch(write_records<Find, Record>, blocks(n), graph_run_threads, n, records, find);
-      // How many there are only the device knows; about as many as are touched, less than an eighth.
-      launch(run_pass_with_records<Pass>, blocks(n / 8 + 1), graph_run_threads, n,
+      // How many there are only the device knows; about as many as are touched, less than a third.
+      launch(run_pass_with_records<Pass>, blocks(n / 3 + 1), graph_run_threads, n,
              static_cast<const std::uint32_t*>(find.record_counts()), pass);
     });
   }

@@ -323,9 +323,10 @@ struct RecordFrameLists {
   }
 };
 
-// Who is near a sphere in flight, where that is known.
+// Who is near a sphere in flight, where that is known. With 6 places it was not for many of those that land: 1,000,000
+// of which a quarter were touched took 2.4 ms, with 14 places 1.42, without records 1.54.
 struct alignas(32) NearRecord {
-  static constexpr std::uint32_t places = 6;
+  static constexpr std::uint32_t places = 14;
   static constexpr std::uint32_t unknown = ~std::uint32_t(0);  // as count
 
   std::uint32_t slot, count, near[places];
