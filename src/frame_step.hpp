@@ -78,6 +78,7 @@ struct FrameWorld {
 // A pass in a frame whose number only the device knows.
 template <class Pass, bool is_rough, bool has_walls>
 struct FramePass {
+  using ListNeighbors = FrameListNeighbors;
   static constexpr bool has_friction = is_rough;
   Pass pass;
   const FrameControl* control;
@@ -103,6 +104,18 @@ struct FramePass {
 template <class Pass, bool is_rough, bool has_walls>
 struct SharedFramePass : FramePass<Pass, is_rough, has_walls> {
   using Sum = typename Pass::Sum;
+  static constexpr bool gets_help = Pass::gets_help;
+
+  FC_HOST_DEVICE bool is_helped(std::int64_t slot) const {
+    return (this->pass.neighbors.lists.counts[slot] & FrameLists::helped_bit) != 0;
+  }
+  // How many strays may get help, and which one is in a place: a slot, or no_slot.
+  std::uint32_t helped_places() const {
+    return this->pass.neighbors.is_first ? 0 : this->pass.neighbors.strays.helped_places;
+  }
+  FC_HOST_DEVICE std::uint32_t helped_in(std::int64_t place) const {
+    return this->pass.neighbors.strays.helped_in(static_cast<std::uint32_t>(place));
+  }
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const { run_alone(this->at(slot), slot); }
 };

@@ -17,7 +17,16 @@ class HostRun {
   }
   template <class Pass>
   void for_each_sphere(Stage stage, std::int64_t n, const Pass& pass) {
-    for_each(stage, n, pass);
+    if constexpr (requires { requires Pass::gets_help && requires { pass.helped_places(); }; }) {
+      for_each(stage, pass.helped_places(), [=](std::int64_t place) {
+        if (const std::uint32_t slot = pass.helped_in(place); slot != no_slot) pass(slot);
+      });
+      for_each(stage, n, [=](std::int64_t slot) {
+        if (!pass.is_helped(slot)) pass(slot);
+      });
+    } else {
+      for_each(stage, n, pass);
+    }
   }
   // Runs pass(i) for the records of those for whom find() is true.
   template <class Find, class Record, class Pass>

@@ -35,20 +35,87 @@ __global__ void __launch_bounds__(graph_run_threads) run_stage(std::int64_t n, c
   if (i < n) f(i);
 }
 
+// What a warp looks at that shares a sphere of which it is not known who is near. Its lanes look through the list and
+// the grid, and work side by side on those whom they find.
+inline constexpr std::uint32_t near_of_lane = 2;  // that it finds before they are worked on
+
+template <class Base>
+struct WarpNeighbors : Base {
+  std::uint32_t* near;   // in shared memory, of this warp
+  std::uint32_t* found;  // likewise: how many
+
+  __device__ WarpNeighbors(const Base& base, std::uint32_t* near, std::uint32_t* found)
+      : Base(base), near(near), found(found) {}
+
+  template <class Grid, class Visit>
+  FC_HOST_DEVICE void visit(const Grid& grid, std::int64_t slot, Vec3, Lane lane, Visit& visit) const {
+#if defined(__CUDA_ARCH__)
+    // As many rounds as the lane with the most of them needs.
+    bool has_more = true;
+    for (std::uint32_t round = 0; __any_sync(0xFFFFFFFFu, has_more); ++round) {
+      if (lane.index == 0) *found = 0;
+      __syncwarp();
+      std::uint32_t own = 0;
+      auto keep = [&](std::uint32_t other) {
+        if (own++ / near_of_lane == round) near[atomicAdd(found, 1)] = other;
+      };
+      Base::visit_shared(grid, slot, grid.position_radius[slot], lane, keep);
+      has_more = own > (round + 1) * near_of_lane;
+      __syncwarp();
+      const std::uint32_t count = *found;
+      for (auto k = static_cast<std::uint32_t>(lane.index); k < count; k += 32) visit(near[k]);
+      __syncwarp();
+    }
+#endif
+  }
+};
+
+inline constexpr int graph_run_warps = graph_run_threads / 32;
+
+struct SharedByWarps {
+  std::uint32_t near[graph_run_warps][32 * near_of_lane], found[graph_run_warps];
+};
+
+// By a whole warp.
+template <class Pass>
+__device__ void run_by_warp(const Pass& pass, std::int64_t slot, SharedByWarps& shared) {
+  const Lane lane{static_cast<int>(threadIdx.x % 32), 32};
+  const auto here = pass.at(slot);
+  const auto warp = threadIdx.x / 32;
+  const auto sharing = here.with_neighbors(
+      WarpNeighbors<typename Pass::ListNeighbors>(here.neighbors, shared.near[warp], &shared.found[warp]));
+  const auto self = sharing.load(slot);
+  auto sum = sharing.gather(self, slot, lane);
+#pragma unroll
+  for (int distance = 16; distance > 0; distance /= 2) sum.combine(of_lane(sum, distance));
+  if (lane.index == 0) sharing.finish(self, slot, sum);
+}
+
 // `lanes` threads of a warp share one sphere. 72 registers, or 80 where few spheres leave room on the device: more
 // threads wait for memory at the same time. A rough pass gets 128, as it would keep too much in memory with fewer.
+// The first blocks help strays.
 template <int lanes, class Pass>
 __global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 4
                                                      : lanes == 8       ? 6
                                                                         : 7)
-    run_shared_pass(std::int64_t count, const __grid_constant__ Pass pass) {
+    run_shared_pass(std::int64_t count, std::uint32_t helping_blocks, const __grid_constant__ Pass pass) {
+  constexpr bool gets_help = Pass::gets_help && lanes < 8;
   wait_for_stage_before();
-  const std::int64_t row = std::int64_t(blockIdx.x) * blockDim.x + threadIdx.x, slot = row / lanes;
+  if constexpr (gets_help) {
+    __shared__ SharedByWarps shared;
+    if (blockIdx.x < helping_blocks) {
+      const std::uint32_t helped = pass.helped_in(blockIdx.x * graph_run_warps + threadIdx.x / 32);
+      if (helped != no_slot) run_by_warp(pass, helped, shared);
+      return;
+    }
+  }
+  const std::int64_t row = std::int64_t(blockIdx.x - helping_blocks) * blockDim.x + threadIdx.x, slot = row / lanes;
   const Lane lane{static_cast<int>(threadIdx.x % lanes), lanes};
-  const bool is_mine = slot < count;
+  const bool is_in_range = slot < count;
   // What a sphere itself needs is asked for at once.
-  const auto here = pass.at(is_mine ? slot : 0);
-  const auto self = here.load(is_mine ? slot : 0);
+  const auto here = pass.at(is_in_range ? slot : 0);
+  const auto self = here.load(is_in_range ? slot : 0);
+  const bool is_mine = is_in_range && !(gets_help && pass.is_helped(slot));
   typename Pass::Sum sum;
   if (is_mine) sum = here.gather(self, slot, lane);
   if constexpr (lanes > 1) {
@@ -99,36 +166,12 @@ __global__ void __launch_bounds__(graph_run_threads)
 template <class Pass>
 __global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 4 : 5)
     run_pass_with_records(std::int64_t n, const std::uint32_t* counts, const __grid_constant__ Pass pass) {
-  constexpr std::uint32_t places = 128;
-  __shared__ std::uint32_t near[graph_run_threads / 32][places], found[graph_run_threads / 32];
+  __shared__ SharedByWarps shared;
   wait_for_stage_before();
   const std::uint32_t thread = blockIdx.x * blockDim.x + threadIdx.x, threads = gridDim.x * blockDim.x;
   const std::uint32_t known = counts[0], unknown = counts[1];
-  const Lane lane{static_cast<int>(threadIdx.x % 32), 32};
   for (std::uint32_t i = thread / 32; i < unknown; i += threads / 32) {
-    const std::int64_t record = n - 1 - i, slot = pass.records[record].slot;
-    std::uint32_t* here_near = near[threadIdx.x / 32];
-    std::uint32_t& here_found = found[threadIdx.x / 32];
-    auto here = pass.at(slot);
-    const auto self = here.load(slot);
-    here_found = 0;
-    __syncwarp();
-    auto keep = [&](std::uint32_t other) {
-      const std::uint32_t place = atomicAdd(&here_found, 1);
-      if (place < places) here_near[place] = other;
-    };
-    here.neighbors.visit_shared(here.grid, slot, here.grid.position_radius[slot], lane, keep);
-    __syncwarp();
-    if (here_found > places) {
-      if (lane.index == 0) pass(record);
-    } else {
-      here.neighbors.near = here_near;
-      here.neighbors.count = here_found;
-      typename Pass::Sum sum = here.gather(self, slot, lane);
-#pragma unroll
-      for (int distance = 16; distance > 0; distance /= 2) sum.combine(of_lane(sum, distance));
-      if (lane.index == 0) here.finish(self, slot, sum);
-    }
+    run_by_warp(pass, pass.records[n - 1 - i].slot, shared);
     __syncwarp();
   }
   for (std::uint32_t i = thread; i < known; i += threads) pass(i);
@@ -302,7 +345,8 @@ class GraphRun {
 
   template <int lanes, class Pass>
   void start_pass(std::int64_t count, const Pass& pass) {
-    launch(run_shared_pass<lanes, Pass>, blocks(count * lanes), graph_run_threads, count, pass);
+    const unsigned helping = (pass.helped_places() + graph_run_warps - 1) / graph_run_warps;
+    launch(run_shared_pass<lanes, Pass>, helping + blocks(count * lanes), graph_run_threads, count, helping, pass);
   }
 
   template <class... Parameters, class... Arguments>

@@ -1,6 +1,8 @@
 // How the work on one sphere is shared.
 #pragma once
 
+#include <cstdint>
+
 #include "../math.hpp"
 
 namespace fastcollide {
@@ -9,5 +11,7 @@ namespace fastcollide {
 struct Lane {
   int index = 0, count = 1;
 };
+
+inline constexpr std::uint32_t no_slot = ~std::uint32_t(0);
 
 }  // namespace fastcollide

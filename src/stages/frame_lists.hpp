@@ -21,6 +21,7 @@ struct FrameControl {
   std::uint32_t longest;           // that a pass wanted, where it found more than a list and strays have room for
   std::uint32_t stray_records[3];  // in turn: of the pass before, of this one, of the next
   std::uint32_t most_stray_records;
+  std::uint32_t next_helped;         // place among the strays that get help
   std::uint32_t near_records[2][2];  // in turn of this pass, of the next: with who is near, without
   Vec3 drift, next_drift;            // with which the skins move with these lists and with the next ones [m/s]
   // Of some spheres, for the lists that are made next.
@@ -79,7 +80,9 @@ struct Drift {
 struct FrameLists {
   static constexpr std::uint32_t rows_of_many = 48, chunk_places = 96;
   static constexpr std::uint32_t fewest_rows = NearSearch::at_once;  // read at once, whatever the count is
-  static constexpr std::uint32_t stray_bit = 0x80000000u;            // in a count: the sphere has left its skin
+  // In a count: the sphere has left its skin; others do the work on it.
+  static constexpr std::uint32_t stray_bit = 0x80000000u, helped_bit = 0x40000000u;
+  FC_HOST_DEVICE static std::uint32_t without_bits(std::uint32_t count) { return count & ~(stray_bit | helped_bit); }
 
   std::uint32_t* entries;
   std::uint32_t* counts;
@@ -111,9 +114,10 @@ struct FrameLists {
     const std::int64_t block = slot >> sphere_bits, sphere = slot - (block << sphere_bits);
     return entries + ((block * rows) << width_bits) + (sphere << lane_bits) + lane;
   }
+  FC_HOST_DEVICE std::uint32_t entry(std::int64_t slot, std::uint32_t k) const {
+    return of_lane(slot, k & (lanes() - 1))[std::int64_t(k >> lane_bits) * stride()];
+  }
 };
-
-inline constexpr std::uint32_t no_stray = ~std::uint32_t(0);
 
 // A stray is in the chain of each coarse cell from where it may be reached.
 struct StrayRecord {
@@ -133,6 +137,10 @@ struct Strays {
   std::uint32_t* regions;  // of each region of 4 x 4 x 4 cells: the last pass that wrote one of them
   StrayRecord* records;
   std::uint32_t places;
+  // The first strays since the lists were made, each with the pass that wrote it: to look through the grid takes long,
+  // so that on a GPU a warp does it for each of them, before the others begin.
+  std::uint64_t* helped;
+  std::uint32_t helped_places;
   std::uint32_t pass, passes;  // which of how many
   FrameControl* control;
 
@@ -149,15 +157,45 @@ struct Strays {
       atomic_max(&control->most_stray_records, first + wanted);
       return;
     }
-    for (int i = 0; i < static_cast<int>(wanted); ++i) {
-      const Vec3i cell{cell_in_range(xs, i % xs.count, coarse.x), cell_in_range(ys, i / xs.count % ys.count, coarse.y),
-                       cell_in_range(zs, i / xs.count / ys.count, coarse.z)};
-      const std::uint32_t place = first + static_cast<unsigned>(i);
-      const std::uint64_t head = atomic_exchange(heads + cell_hash(cell, coarse), mark | place);
-      atomic_max(regions + region_of(cell), stamp());
-      const bool is_first = (head ^ mark) >> 32 != 0;
-      records[place] = {slot, is_first ? no_stray : static_cast<std::uint32_t>(head)};
+    // Four at a time, so that a GPU waits for them once.
+    constexpr int at_once = 4;
+    for (int begin = 0; begin < static_cast<int>(wanted); begin += at_once) {
+      std::uint64_t before[at_once];
+      FC_UNROLL
+      for (int k = 0; k < at_once; ++k) {
+        const int i = begin + k;
+        if (i >= static_cast<int>(wanted)) continue;
+        const Vec3i cell{cell_in_range(xs, i % xs.count, coarse.x),
+                         cell_in_range(ys, i / xs.count % ys.count, coarse.y),
+                         cell_in_range(zs, i / xs.count / ys.count, coarse.z)};
+        before[k] = atomic_exchange(heads + cell_hash(cell, coarse), mark | (first + static_cast<unsigned>(i)));
+        atomic_max(regions + region_of(cell), stamp());
+      }
+      FC_UNROLL
+      for (int k = 0; k < at_once; ++k) {
+        if (begin + k >= static_cast<int>(wanted)) continue;
+        const bool is_first = (before[k] ^ mark) >> 32 != 0;
+        records[first + static_cast<unsigned>(begin + k)] = {
+            slot, is_first ? no_slot : static_cast<std::uint32_t>(before[k])};
+      }
     }
+  }
+
+  // Of one that has just left its skin: whether it gets help from now on.
+  FC_HOST_DEVICE bool ask_for_help(std::uint32_t slot) const {
+    if (helped_places == 0) return false;
+    const std::uint32_t place = atomic_add(&control->next_helped, 1);
+    if (place >= helped_places) return false;
+    helped[place] = std::uint64_t(stamp()) << 32 | slot;
+    return true;
+  }
+  // The stray in a place, as passes before this one wrote it, or no_slot.
+  FC_HOST_DEVICE std::uint32_t helped_in(std::uint32_t place) const {
+    if (place >= helped_places) return no_slot;
+    const std::uint64_t word = helped[place];
+    const auto written = static_cast<std::uint32_t>(word >> 32);
+    const bool has_these_lists = written > control->frame * passes && written <= stamp();
+    return has_these_lists ? static_cast<std::uint32_t>(word) : no_slot;
   }
 
   // Most regions have none, and those of spheres that lie side by side in memory are few words.
@@ -179,7 +217,7 @@ struct Strays {
   // Calls visit(slot) for those of a cell's chain.
   template <class Visit>
   FC_HOST_DEVICE void visit(std::uint64_t head, Visit& visit) const {
-    for (auto place = static_cast<std::uint32_t>(head); place != no_stray; place = records[place].next) {
+    for (auto place = static_cast<std::uint32_t>(head); place != no_slot; place = records[place].next) {
       visit(records[place].slot);
     }
   }
@@ -354,7 +392,7 @@ struct FrameListNeighbors {
     for (std::uint32_t k = 0; k < FrameLists::fewest_rows; ++k) first[k] = list[std::int64_t(k) * lists.stride()];
     const std::uint32_t stamp = is_first ? 0 : strays.stamp_near(position);
     const std::uint32_t count = lists.counts[slot];
-    const std::uint32_t wanted = count & ~FrameLists::stray_bit;
+    const std::uint32_t wanted = FrameLists::without_bits(count);
     const bool is_void = wanted > lists.places_of(slot, wanted);
     const std::uint32_t all = is_void ? 0 : wanted;
     // Entries of this lane, and the first row that no lane uses.
@@ -425,7 +463,7 @@ struct FrameListNeighbors {
     return found <= NearRecord::places ? found : NearRecord::unknown;
   }
 
-  // Calls found(other) for all that are near; lanes share a list that has one lane.
+  // Calls found(other) for all that are near; any number of lanes share the list.
   template <class Found>
   FC_HOST_DEVICE void visit_shared(const GridView& grid, std::int64_t slot, Vec4 self, Lane lane, Found& found) const {
     const Vec3 position{self.x, self.y, self.z};
@@ -433,14 +471,14 @@ struct FrameListNeighbors {
     auto look_at = [&](std::uint32_t other) {
       if (search.is_near(grid.position_radius[other])) found(other);
     };
-    const std::uint32_t count = lists.counts[slot], wanted = count & ~FrameLists::stray_bit;
+    const std::uint32_t count = lists.counts[slot], wanted = FrameLists::without_bits(count);
     if (wanted > lists.places_of(slot, wanted)) {
       visit_grid(grid, slot, lane, look_at);
     } else {
-      const std::uint32_t* list = lists.of_lane(slot, 0);
-      const std::uint32_t* chunk = wanted > lists.rows ? lists.entries_of_chunk(lists.chunk_of_slot[slot]) : nullptr;
-      for (auto row = static_cast<std::uint32_t>(lane.index); row < wanted; row += static_cast<unsigned>(lane.count)) {
-        look_at(row < lists.rows ? list[std::int64_t(row) * lists.stride()] : chunk[row - lists.rows]);
+      const std::uint32_t in_rows = lists.places();
+      const std::uint32_t* chunk = wanted > in_rows ? lists.entries_of_chunk(lists.chunk_of_slot[slot]) : nullptr;
+      for (auto k = static_cast<std::uint32_t>(lane.index); k < wanted; k += static_cast<unsigned>(lane.count)) {
+        look_at(k < in_rows ? lists.entry(slot, k) : chunk[k - in_rows]);
       }
     }
     const std::uint64_t head = is_first ? 0 : strays.head_near(position);
@@ -546,9 +584,11 @@ struct ToFrameSlots {
     to.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, sphere.restitution};
     if (to.spins != nullptr) to.spins[slot] = spin;
     if (is_out_of_skin(ball, sphere.radius, position - drifted, period)) {
-      list_counts[slot] |= FrameLists::stray_bit;
-      strays.add(static_cast<std::uint32_t>(slot), position,
-                 sphere.radius + sorted.law.reach + sorted.law.largest_radius);
+      const std::uint32_t count = list_counts[slot], own = static_cast<std::uint32_t>(slot);
+      if ((count & FrameLists::stray_bit) == 0) {
+        list_counts[slot] = count | FrameLists::stray_bit | (strays.ask_for_help(own) ? FrameLists::helped_bit : 0u);
+      }
+      strays.add(own, position, sphere.radius + sorted.law.reach + sorted.law.largest_radius);
     }
     if (slot == 0) strays.control->stray_records[(strays.pass + 1) % 3] = 0;
   }

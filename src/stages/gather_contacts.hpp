@@ -10,6 +10,8 @@ namespace fastcollide {
 
 template <class Neighbors, class Output>
 struct GatherContacts {
+  static constexpr bool gets_help = false;  // as SolveContacts; it gained nothing
+
   Substep substep;
   GridView grid;
   Neighbors neighbors;
@@ -49,6 +51,11 @@ struct GatherContacts {
       out_of_range += other.out_of_range;
     }
   };
+
+  template <class Others>
+  FC_HOST_DEVICE GatherContacts<Others, Output> with_neighbors(const Others& others) const {
+    return {substep, grid, others, output, velocity_change, turn, pick, first_fault, memory};
+  }
 
   FC_HOST_DEVICE Sum nothing_yet() const {
     Sum sum;

@@ -19,6 +19,8 @@ inline SolverScales solver_scales(float largest_radius, float dt) {
 
 template <class Neighbors, class Output>
 struct SolveContacts {
+  static constexpr bool gets_help = true;  // for strays: see frame_lists.hpp
+
   SolverScales scales;
   Box box;
   std::uint32_t frame;
@@ -39,6 +41,11 @@ struct SolveContacts {
       out_of_range += other.out_of_range;
     }
   };
+
+  template <class Others>
+  FC_HOST_DEVICE SolveContacts<Others, Output> with_neighbors(const Others& others) const {
+    return {scales, box, frame, grid, others, output, first_fault};
+  }
 
   FC_HOST_DEVICE Sphere load(std::int64_t slot) const { return sphere_in_slot(grid, slot); }
   FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const { return gather(load(slot), slot, lane); }

@@ -90,7 +90,7 @@ struct ScatterFrameSlots {
     control->frame = control->next_frame;
     control->next_frame += frames;
     control->drift = control->next_drift;
-    control->next_slot = control->next_chunk = 0;
+    control->next_slot = control->next_chunk = control->next_helped = 0;
     for (auto& counts : control->near_records) counts[0] = counts[1] = 0;
     control->stray_records[0] = control->stray_records[1] = control->stray_records[2] = 0;
   }
