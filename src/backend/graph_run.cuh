@@ -35,10 +35,10 @@ __global__ void __launch_bounds__(graph_run_threads) run_stage(std::int64_t n, c
   if (i < n) f(i);
 }
 
-// What a warp looks at that shares a sphere of which it is not known who is near. Its lanes look through the list and
-// the grid, and work side by side on those whom they find.
 inline constexpr std::uint32_t near_of_lane = 2;  // that it finds before they are worked on
 
+// What a warp looks at that shares a sphere of which it is not known who is near. Its lanes look through the list and
+// the grid, and work side by side on those whom they find.
 template <class Base>
 struct WarpNeighbors : Base {
   std::uint32_t* near;   // in shared memory, of this warp
@@ -76,7 +76,7 @@ struct SharedByWarps {
   std::uint32_t near[graph_run_warps][32 * near_of_lane], found[graph_run_warps];
 };
 
-// By a whole warp.
+// Called by a whole warp.
 template <class Pass>
 __device__ void run_by_warp(const Pass& pass, std::int64_t slot, SharedByWarps& shared) {
   const Lane lane{static_cast<int>(threadIdx.x % 32), 32};
