@@ -104,7 +104,7 @@ class FrameRuns {
     float thinnest, thickest;
   };
   // Spheres in flight leave thin ones when others push them: 5,000 and 10,000 took 5 to 8 % less with 0.35 and 1 than
-  // with 0.25 and 0.75; where they lie, 20,000 took a tenth more.
+  // with 0.25 and 0.75; where they lie, 5,000 took 3 % more with the default solver.
   static Skins skins_for(std::int64_t count, std::uint32_t frames_of_lists) {
     if (!are_few(count)) return {0.15f, 0.5f};
     return lane_bits_for(count) == 3 && frames_of_lists == 1 ? Skins{0.35f, 1.0f} : Skins{0.25f, 0.75f};

@@ -17,7 +17,7 @@ class HostRun {
   }
   template <class Pass>
   void for_each_sphere(Stage stage, std::int64_t n, const Pass& pass) {
-    if constexpr (requires { requires Pass::gets_help && requires { pass.helped_places(); }; }) {
+    if constexpr (requires { pass.helped_places(); }) {
       for_each(stage, pass.helped_places(), [=](std::int64_t place) {
         if (const std::uint32_t slot = pass.helped_in(place); slot != no_slot) pass(slot);
       });
