@@ -170,11 +170,13 @@ __global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 4 : 5)
   wait_for_stage_before();
   const std::uint32_t thread = blockIdx.x * blockDim.x + threadIdx.x, threads = gridDim.x * blockDim.x;
   const std::uint32_t known = counts[0], unknown = counts[1];
-  for (std::uint32_t i = thread / 32; i < unknown; i += threads / 32) {
+  for (std::uint32_t i = thread; i < known; i += threads) pass(i);
+  // The first of these by the warps after those that had one of the others.
+  const std::uint32_t warps = threads / 32, busy = (known + 31) / 32 % warps;
+  for (std::uint32_t i = (thread / 32 + warps - busy) % warps; i < unknown; i += warps) {
     run_by_warp(pass, pass.records[n - 1 - i].slot, shared);
     __syncwarp();
   }
-  for (std::uint32_t i = thread; i < known; i += threads) pass(i);
 }
 
 // Cells get their slots in blocks of whole rows, in the order in which the blocks come: a row of cells must be one run
