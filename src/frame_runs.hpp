@@ -47,7 +47,7 @@ class FrameRuns {
     world.strays.coarse = choose_grid_shape(frame.substep.box, 2.0f * largest_radius, 0.0f, count / 4, 0.0f);
     world.strays.passes = static_cast<std::uint32_t>(frame.iterations);
     choose_lanes(count);
-    const bool may_find_near = is_substep && !are_few(count) && !(is_rough && are_few_to_find_near(count));
+    const bool may_find_near = is_substep && !are_few(count);
     for (;;) {
       resize(world, is_substep, is_rough);
       resize_near_records(may_find_near ? count : 0);
@@ -141,10 +141,6 @@ class FrameRuns {
     }
     return frames;
   }
-
-  // On an H100, finding who is near took 200,000 rough spheres a tenth more time, 300,000 as much as without, 500,000 a
-  // tenth less.
-  static bool are_few_to_find_near(std::int64_t rough_count) { return B::has_whole_grid && rough_count < 400000; }
 
   FrameControl run_once(const FrameWorld& world, std::int64_t frames, StageTimer& timer) {
     FrameControl control{};

@@ -131,13 +131,18 @@ struct NearFramePass : FramePass<Pass, is_rough, has_walls> {
   using Sum = typename Pass::Sum;
   const NearRecord* records;
 
+  static constexpr std::uint32_t places = NearRecord::places;
+
+  FC_HOST_DEVICE static Pass with_near(Pass pass, const std::uint32_t* near, std::uint32_t count) {
+    pass.neighbors.near = near;
+    pass.neighbors.count = count;
+    return pass;
+  }
   FC_HOST_DEVICE void operator()(std::int64_t i) const {
-    const std::int64_t slot = records[i].slot;
-    Pass here = this->at(slot);
-    here.neighbors.near = records[i].near;
-    here.neighbors.count = records[i].count;
-    const Sphere self = here.load(slot);
-    here.finish(self, slot, here.gather(self, slot, Lane{}));
+    const NearRecord& record = records[i];
+    const Pass here = with_near(this->at(record.slot), record.near, record.count);
+    const Sphere self = here.load(record.slot);
+    here.finish(self, record.slot, here.gather(self, record.slot, Lane{}));
   }
 };
 
@@ -191,12 +196,14 @@ void make_frame_lists(Run& run, FrameWorld& world, std::uint32_t frames) {
 }
 
 // To find out who is near before a contact pass pays where that then has few spheres to take. On an H100, 1,000,000 of
-// which 6 %, 20 % and 25 % are touched took 0.76, 0.88 and 1.42 ms, without it 0.81, 0.98 and 1.54; with friction 1.06,
-// 1.55 and 2.84, without it 1.26, 1.77 and 3.07. Where nearly all are it took half as long again.
+// which 6 %, 20 % and 25 % are touched took 0.75, 0.89 and 1.44 ms, without it 0.81, 0.98 and 1.54; where nearly all
+// are it took half as long again. With friction, where pairs take longer and lanes share them, 1.07, 1.35 and 2.29 in
+// place of 1.26, 1.77 and 3.07, and in a pile 9.0 in place of 8.6.
 template <class Run>
 void choose_near_records(Run& run, FrameWorld& world) {
-  const std::uint32_t touched = run.read(&world.control->touched_samples);
-  world.near_records = 3 * std::int64_t(touched) < world.drift.samples ? world.room_for_records : nullptr;
+  const std::int64_t touched = run.read(&world.control->touched_samples), all = world.drift.samples;
+  const bool is_rough = world.state.spins != nullptr, pays = is_rough ? 8 * touched < 7 * all : 3 * touched < all;
+  world.near_records = pays ? world.room_for_records : nullptr;
 }
 inline constexpr std::int64_t frames_to_look = 16;  // whether it pays
 

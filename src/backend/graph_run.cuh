@@ -162,19 +162,92 @@ __global__ void __launch_bounds__(graph_run_threads)
   records[kind == 0 ? before : n - 1 - before] = record;
 }
 
+// Records of a warp, one for each lane, and what was found of the next pairs.
+template <class Sum, std::uint32_t places>
+struct RecordsOfWarp {
+  static constexpr int words = sizeof(Sum) / sizeof(std::uint32_t);
+
+  std::uint32_t near[32 * places];
+  std::uint32_t slots[32];
+  std::uint32_t sums[words][32];     // word by word, so that lanes do not wait for each other
+  std::uint8_t owners[32 * places];  // lane
+
+  __device__ void put(std::uint32_t lane, const Sum& sum) {
+    std::uint32_t word[words];
+    std::memcpy(word, &sum, sizeof sum);
+#pragma unroll
+    for (int i = 0; i < words; ++i) sums[i][lane] = word[i];
+  }
+  __device__ Sum get(std::uint32_t lane) const {
+    std::uint32_t word[words];
+#pragma unroll
+    for (int i = 0; i < words; ++i) word[i] = sums[i][lane];
+    Sum sum;
+    std::memcpy(&sum, word, sizeof sum);
+    return sum;
+  }
+};
+
+// A lane works on one pair at a time, whoever of the warp has it: some records have many, most have one.
+template <class Pass, class Shared>
+__device__ void run_records_by_warp(const Pass& pass, std::uint32_t first, std::uint32_t known, Shared& shared) {
+  const std::uint32_t lane = threadIdx.x % 32, i = first + lane;
+  const bool is_mine = i < known;
+  const std::uint32_t slot = pass.records[is_mine ? i : first].slot, own = is_mine ? pass.records[i].count : 0;
+  std::uint32_t end = own;
+#pragma unroll
+  for (std::uint32_t distance = 1; distance < 32; distance *= 2) {
+    const std::uint32_t before = __shfl_up_sync(0xFFFFFFFFu, end, distance);
+    if (lane >= distance) end += before;
+  }
+  const std::uint32_t begin = end - own, all = __shfl_sync(0xFFFFFFFFu, end, 31);
+  shared.slots[lane] = slot;
+  for (std::uint32_t k = 0; k < own; ++k) {
+    shared.near[begin + k] = pass.records[i].near[k];
+    shared.owners[begin + k] = static_cast<std::uint8_t>(lane);
+  }
+  __syncwarp();
+  const auto here = pass.with_near(pass.at(slot), nullptr, 0);
+  const auto self = here.load(slot);
+  auto sum = here.nothing_yet();
+  if (is_mine) sum = here.gather(self, slot, Lane{});
+  for (std::uint32_t base = 0; base < all; base += 32) {
+    if (base + lane < all) {
+      const std::uint32_t owner = shared.slots[shared.owners[base + lane]];
+      shared.put(lane, pass.with_near(pass.now(), &shared.near[base + lane], 1).gather_pairs(owner));
+    }
+    __syncwarp();
+    for (std::uint32_t k = max(begin, base); k < min(end, base + 32); ++k) sum.combine(shared.get(k - base));
+    __syncwarp();
+  }
+  if (is_mine) here.finish(self, slot, sum);
+}
+
 // A warp shares a sphere of which it is not known who is near: to search takes long, and few have to.
 template <class Pass>
 __global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 4 : 5)
     run_pass_with_records(std::int64_t n, const std::uint32_t* counts, const __grid_constant__ Pass pass) {
-  __shared__ SharedByWarps shared;
+  constexpr bool shares_pairs = Pass::has_friction;
+  using Records = RecordsOfWarp<typename Pass::Sum, shares_pairs ? Pass::places : 1>;
+  __shared__ union {
+    SharedByWarps found;
+    Records records[shares_pairs ? graph_run_warps : 1];
+  } shared;
   wait_for_stage_before();
   const std::uint32_t thread = blockIdx.x * blockDim.x + threadIdx.x, threads = gridDim.x * blockDim.x;
-  const std::uint32_t known = counts[0], unknown = counts[1];
-  for (std::uint32_t i = thread; i < known; i += threads) pass(i);
+  const std::uint32_t known = counts[0], unknown = counts[1], warp = thread / 32, warps = threads / 32;
+  if constexpr (shares_pairs) {
+    for (std::uint32_t i = warp; i * 32 < known; i += warps) {
+      run_records_by_warp(pass, i * 32, known, shared.records[threadIdx.x / 32]);
+    }
+    __syncthreads();
+  } else {
+    for (std::uint32_t i = thread; i < known; i += threads) pass(i);
+  }
   // The first of these by the warps after those that had one of the others.
-  const std::uint32_t warps = threads / 32, busy = (known + 31) / 32 % warps;
-  for (std::uint32_t i = (thread / 32 + warps - busy) % warps; i < unknown; i += warps) {
-    run_by_warp(pass, pass.records[n - 1 - i].slot, shared);
+  const std::uint32_t busy = (known + 31) / 32 % warps;
+  for (std::uint32_t i = (warp + warps - busy) % warps; i < unknown; i += warps) {
+    run_by_warp(pass, pass.records[n - 1 - i].slot, shared.found);
     __syncwarp();
   }
 }

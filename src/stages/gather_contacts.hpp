@@ -66,6 +66,14 @@ struct GatherContacts {
   FC_HOST_DEVICE Sphere load(std::int64_t slot) const { return falling_sphere_in_slot(grid, slot, substep.flight); }
   FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const { return gather(load(slot), slot, lane); }
   FC_HOST_DEVICE Sum gather(const Sphere& self, std::int64_t slot, Lane lane) const {
+    Sum sum = gather_pairs(self, slot, lane);
+    if (lane.index == 0 && !is_fixed(self.mass)) {
+      gather_walls(slot, self, grid.crowding[slot], spin_in_slot(grid, slot), sum);
+    }
+    return sum;
+  }
+  FC_HOST_DEVICE Sum gather_pairs(std::int64_t slot) const { return gather_pairs(load(slot), slot, Lane{}); }
+  FC_HOST_DEVICE Sum gather_pairs(const Sphere& self, std::int64_t slot, Lane lane) const {
     const SoftContactLaw& law = substep.law;
     const float own_crowding = grid.crowding[slot];
     const Vec3 spin = spin_in_slot(grid, slot);
@@ -79,7 +87,6 @@ struct GatherContacts {
       add_pair(slot, other, self, spin, own_crowding, terms, sum);
     };
     neighbors.visit(grid, slot, self.position, lane, visit);
-    if (lane.index == 0) gather_walls(slot, self, own_crowding, spin, sum);
     return sum;
   }
 
