@@ -44,6 +44,7 @@ class FrameRuns {
                   reach, largest_radius};
     world.drift = {samples_of(count), static_cast<std::uint32_t>(count / samples_of(count)),
                    skins_for(count, most_frames_of_lists).thickest * largest_radius / (most_frames_of_lists * dt)};
+    world.is_dense = was_dense(count);
     world.strays.coarse = choose_grid_shape(frame.substep.box, 2.0f * largest_radius, 0.0f, count / 4, 0.0f);
     world.strays.passes = static_cast<std::uint32_t>(frame.iterations);
     choose_lanes(count);
@@ -128,6 +129,12 @@ class FrameRuns {
     return static_cast<std::uint32_t>(std::min<std::int64_t>(count, are_few(count) ? 128 : 1024));
   }
 
+  // Whether others touched most of the spheres when the last run ended.
+  bool was_dense(std::int64_t count) const {
+    const std::uint32_t samples = samples_of(count);
+    return touched_samples_ <= samples && 2 * touched_samples_ > samples;
+  }
+
   // As many as most spheres, as fast as in the last run, take to move by a part of the largest radius. In flight skins
   // for two frames have more strays than the lists that they save are worth; in a pile hardly anything leaves its skin.
   // On an H100, 20,000 landed spheres: lists of one frame 0.120 ms, of two 0.105, of four or eight no less.
@@ -151,7 +158,7 @@ class FrameRuns {
     for (auto& regions : stray_regions_) backend_.fill_zero(regions.data(), regions.size());
     backend_.fill_zero(helped_strays_.data(), helped_strays_.size());
     FrameWorld running = world;
-    auto run = runner_.run(backend_, timer, 1u << lane_bits_);
+    auto run = runner_.run(backend_, timer, 1u << lane_bits_, world.is_dense);
     const Box& box = world.frame.substep.box;
     const bool has_walls = box.x == Boundary::wall && box.y == Boundary::wall && box.z == Boundary::wall;
     if (world.state.spins != nullptr) {

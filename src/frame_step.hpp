@@ -23,7 +23,8 @@ struct FrameWorld {
   FrameParameters frame;
   std::uint32_t frames_of_lists;  // in which they are kept
   std::int64_t count;
-  bool is_new;  // slots that hold nothing yet
+  bool is_new;    // slots that hold nothing yet
+  bool is_dense;  // most spheres touch others: how a stage is started may depend on it
   BodyArrays bodies;
   SlotState state, other_state;
   SlotConstants constants, other_constants;
@@ -133,16 +134,13 @@ struct NearFramePass : FramePass<Pass, is_rough, has_walls> {
 
   static constexpr std::uint32_t places = NearRecord::places;
 
-  FC_HOST_DEVICE static Pass with_near(Pass pass, const std::uint32_t* near, std::uint32_t count) {
-    pass.neighbors.near = near;
-    pass.neighbors.count = count;
-    return pass;
-  }
   FC_HOST_DEVICE void operator()(std::int64_t i) const {
-    const NearRecord& record = records[i];
-    const Pass here = with_near(this->at(record.slot), record.near, record.count);
-    const Sphere self = here.load(record.slot);
-    here.finish(self, record.slot, here.gather(self, record.slot, Lane{}));
+    const std::int64_t slot = records[i].slot;
+    Pass here = this->at(slot);
+    here.neighbors.near = records[i].near;
+    here.neighbors.count = records[i].count;
+    const Sphere self = here.load(slot);
+    here.finish(self, slot, here.gather(self, slot, Lane{}));
   }
 };
 

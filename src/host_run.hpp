@@ -82,7 +82,7 @@ class HostRun {
 // What starts the stages of frames with lists of their own; backend/graph_run.cuh has that of CUDA.
 template <Backend B>
 struct FrameRunner {
-  HostRun<B> run(B& backend, StageTimer& timer, std::uint32_t) { return {backend, timer}; }
+  HostRun<B> run(B& backend, StageTimer& timer, std::uint32_t, bool) { return {backend, timer}; }
 };
 
 }  // namespace fastcollide

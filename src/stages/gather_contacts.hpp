@@ -66,28 +66,34 @@ struct GatherContacts {
   FC_HOST_DEVICE Sphere load(std::int64_t slot) const { return falling_sphere_in_slot(grid, slot, substep.flight); }
   FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const { return gather(load(slot), slot, lane); }
   FC_HOST_DEVICE Sum gather(const Sphere& self, std::int64_t slot, Lane lane) const {
-    Sum sum = gather_pairs(self, slot, lane);
-    if (lane.index == 0 && !is_fixed(self.mass)) {
-      gather_walls(slot, self, grid.crowding[slot], spin_in_slot(grid, slot), sum);
-    }
-    return sum;
-  }
-  FC_HOST_DEVICE Sum gather_pairs(std::int64_t slot) const { return gather_pairs(load(slot), slot, Lane{}); }
-  FC_HOST_DEVICE Sum gather_pairs(const Sphere& self, std::int64_t slot, Lane lane) const {
-    const SoftContactLaw& law = substep.law;
     const float own_crowding = grid.crowding[slot];
     const Vec3 spin = spin_in_slot(grid, slot);
     Sum sum = nothing_yet();
     if (is_fixed(self.mass)) return sum;
-    auto visit = [&](std::int64_t other) {
-      if (!is_near(self, grid, other, law.opening_margin)) return;
-      const Sphere neighbor = falling_sphere_in_slot(grid, other, substep.flight);
-      const ContactTerms terms = contact_terms(substep, grid.period, grid.spins != nullptr, self, own_crowding,
-                                               neighbor, grid.crowding[other]);
-      add_pair(slot, other, self, spin, own_crowding, terms, sum);
-    };
+    auto visit = [&](std::int64_t other) { add_neighbor(slot, other, self, own_crowding, spin, sum); };
     neighbors.visit(grid, slot, self.position, lane, visit);
+    if (lane.index == 0) gather_walls(slot, self, own_crowding, spin, sum);
     return sum;
+  }
+  // The same in parts: what the walls do, and one neighbour.
+  FC_HOST_DEVICE Sum gather_from_walls(const Sphere& self, std::int64_t slot) const {
+    Sum sum = nothing_yet();
+    if (!is_fixed(self.mass)) gather_walls(slot, self, grid.crowding[slot], spin_in_slot(grid, slot), sum);
+    return sum;
+  }
+  FC_HOST_DEVICE Sum gather_from(std::int64_t other, std::int64_t slot) const {
+    Sum sum = nothing_yet();
+    add_neighbor(slot, other, load(slot), grid.crowding[slot], spin_in_slot(grid, slot), sum);
+    return sum;
+  }
+
+  FC_HOST_DEVICE void add_neighbor(std::int64_t slot, std::int64_t other, const Sphere& self, float own_crowding,
+                                   Vec3 spin, Sum& sum) const {
+    if (!is_near(self, grid, other, substep.law.opening_margin)) return;
+    const Sphere neighbor = falling_sphere_in_slot(grid, other, substep.flight);
+    const ContactTerms terms =
+        contact_terms(substep, grid.period, grid.spins != nullptr, self, own_crowding, neighbor, grid.crowding[other]);
+    add_pair(slot, other, self, spin, own_crowding, terms, sum);
   }
 
   FC_HOST_DEVICE void add_pair(std::int64_t slot, std::int64_t other, const Sphere& self, Vec3 spin, float own_crowding,
