@@ -44,7 +44,7 @@ class FrameRuns {
                   reach, largest_radius};
     world.drift = {samples_of(count), static_cast<std::uint32_t>(count / samples_of(count)),
                    skins_for(count, most_frames_of_lists).thickest * largest_radius / (most_frames_of_lists * dt)};
-    world.is_dense = was_dense(count);
+    world.is_dense = is_rough && was_dense(count);
     world.strays.coarse = choose_grid_shape(frame.substep.box, 2.0f * largest_radius, 0.0f, count / 4, 0.0f);
     world.strays.passes = static_cast<std::uint32_t>(frame.iterations);
     choose_lanes(count);
