@@ -378,8 +378,13 @@ class EngineOn final : public Engine {
     has_friction_ = options_.solver == Solver::substep && bodies_.is_rough &&
                     (found.largest_friction > 0 || options_.wall_friction > 0.0f || options_.rolling_friction > 0.0f);
     scratch_.grid.period = period_of(box());
-    survey_radii(float_of(static_cast<std::uint32_t>(found.smallest_radius)));
-    levels_ = choose_levels(box(), radii_, count(), opening_margin());
+    if (count() != surveyed_count_ || found.radius_digest != surveyed_digest_) {
+      surveyed_count_ = -1;  // nothing is known should something go wrong on the way
+      survey_radii(float_of(static_cast<std::uint32_t>(found.smallest_radius)));
+      levels_ = choose_levels(box(), radii_, count(), opening_margin());
+      surveyed_count_ = count();
+      surveyed_digest_ = found.radius_digest;
+    }
     scratch_.grid.levels =
         are_sizes_far_apart() && options_.cell_size == 0.0f
             ? levels_
@@ -547,6 +552,8 @@ class EngineOn final : public Engine {
   typename B::template Buffer<float> kept_crowding_{backend_};
   float largest_radius_ = 0;
   RadiusSurvey radii_{};
+  std::int64_t surveyed_count_ = -1;  // of the spheres that it is of
+  std::uint64_t surveyed_digest_ = 0;
   CellLevels levels_{};
   std::int64_t frames_at_once_ = B::frames_between_checks;
   std::int64_t list_spell_ = 0, frames_by_list_ = 0;  // frames by lists that are mended; those still to come

@@ -53,6 +53,7 @@ class FrameRuns {
       resize(world, is_substep, is_rough);
       resize_near_records(may_find_near ? count : 0);
       set_pointers(world);
+      choose_near_records(world, touched_samples_);
       world.memory = memory.start_run(&control_.data()->watch, frames * frame.iterations).of_pass(0);
       const FrameControl control = run_once(world, frames, timer);
       count_ = count;
@@ -154,9 +155,7 @@ class FrameRuns {
     control.next_drift = drift_;
     control.touched_samples = touched_samples_;
     backend_.copy_to_device(control_.data(), &control, 1);
-    for (auto& heads : stray_heads_) backend_.fill_zero(heads.data(), heads.size());
-    for (auto& regions : stray_regions_) backend_.fill_zero(regions.data(), regions.size());
-    backend_.fill_zero(helped_strays_.data(), helped_strays_.size());
+    backend_.fill_zero(stray_words_.data(), stray_words_.size());
     FrameWorld running = world;
     auto run = runner_.run(backend_, timer, 1u << lane_bits_, world.is_dense);
     const Box& box = world.frame.substep.box;
@@ -213,18 +212,22 @@ class FrameRuns {
     if (lane_bits_ == 0) {
       chunks_ = std::max(chunks_, count / 16);
       chunk_of_slot_.resize(count);
-      chunk_entries_.resize(chunks_ * FrameLists::chunk_places);
+      resize_anew(chunk_entries_, chunks_ * FrameLists::chunk_places);
     }
     const GridShape& coarse = world.strays.coarse;
     // Where many pile up each may be a stray, and more room for them later means to run the frames again.
     const std::int64_t strays = are_few(count) ? count / 8 : count <= 128 * few ? count : count / 2;
     stray_places_ = std::max<std::uint32_t>(stray_places_, static_cast<std::uint32_t>(1024 + strays));
-    helped_strays_.resize(helped_strays_of(count, is_substep));
-    for (int i = 0; i < 2; ++i) {
-      stray_heads_[i].resize(std::int64_t(coarse.x.cells) * coarse.y.cells * coarse.z.cells);
-      stray_regions_[i].resize(Strays::region_count(coarse));
-      stray_records_[i].resize(stray_places_);
-    }
+    stray_heads_ = std::int64_t(coarse.x.cells) * coarse.y.cells * coarse.z.cells;
+    helped_strays_ = helped_strays_of(count, is_substep);
+    resize_anew(stray_words_, 2 * stray_heads_ + helped_strays_ + Strays::region_count(coarse));
+    for (auto& records : stray_records_) resize_anew(records, stray_places_);
+  }
+  // Of one whose contents nobody needs: they are not copied where it grows.
+  template <class Buffer>
+  void resize_anew(Buffer& buffer, std::int64_t count) {
+    if (buffer.size() < count) buffer = Buffer(backend_);
+    buffer.resize(count);
   }
   // Records are a wish: where memory has no room for them, contact passes take all spheres.
   void resize_near_records(std::int64_t count) {
@@ -296,21 +299,22 @@ class FrameRuns {
                    chunk_entries_.data(),
                    lane_bits_ == 0 ? static_cast<std::uint32_t>(chunks_) : 0};
     world.strays.places = stray_places_;
-    world.strays.helped = helped_strays_.data();
-    world.strays.helped_places = static_cast<std::uint32_t>(helped_strays_.size());
+    std::uint64_t* heads = stray_words_.data();
+    world.strays.helped = heads + 2 * stray_heads_;
+    world.strays.helped_places = static_cast<std::uint32_t>(helped_strays_);
+    auto* regions = reinterpret_cast<std::uint32_t*>(world.strays.helped + helped_strays_);
     world.strays.control = control_.data();
     world.other_strays = world.strays;
     for (int i = 0; i < 2; ++i) {
       Strays& strays = i == 0 ? world.strays : world.other_strays;
-      strays.heads = stray_heads_[i].data();
-      strays.regions = stray_regions_[i].data();
+      strays.heads = heads + i * stray_heads_;
+      strays.regions = regions + i * Strays::region_count(strays.coarse);
       strays.records = stray_records_[i].data();
     }
     world.velocity_change = velocity_change_.data();
     world.turn = turn_.size() > 0 ? turn_.data() : nullptr;
     world.pick = pick_.data();
     world.room_for_records = near_records_.size() > 0 ? near_records_.data() : nullptr;
-    world.near_records = nullptr;
     world.control = control_.data();
   }
 
@@ -340,11 +344,8 @@ class FrameRuns {
       cell_end_{backend_}, pick_{backend_}, list_entries_{backend_}, list_counts_{backend_}, chunk_of_slot_{backend_},
       chunk_entries_{backend_};
   typename B::template Buffer<NearRecord> near_records_{backend_};
-  typename B::template Buffer<std::uint64_t> helped_strays_{backend_};
-  typename B::template Buffer<std::uint32_t> stray_regions_[2]{typename B::template Buffer<std::uint32_t>(backend_),
-                                                               typename B::template Buffer<std::uint32_t>(backend_)};
-  typename B::template Buffer<std::uint64_t> stray_heads_[2]{typename B::template Buffer<std::uint64_t>(backend_),
-                                                             typename B::template Buffer<std::uint64_t>(backend_)};
+  std::int64_t stray_heads_ = 0, helped_strays_ = 0;                  // in each of the two tables, in both
+  typename B::template Buffer<std::uint64_t> stray_words_{backend_};  // of the tables, and of the strays that get help
   typename B::template Buffer<StrayRecord> stray_records_[2]{typename B::template Buffer<StrayRecord>(backend_),
                                                              typename B::template Buffer<StrayRecord>(backend_)};
 };

@@ -115,7 +115,9 @@ class CudaBackend {
     cudaStream_t stream = nullptr;
     check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "cudaStreamCreate");
     stream_.reset(stream, [](cudaStream_t s) { cudaStreamDestroy(s); });
-    result_ = allocate_on_device(device_, result_bytes);
+    void* words = nullptr;
+    check(cudaHostAlloc(&words, most_host_bytes, cudaHostAllocMapped | cudaHostAllocPortable), "cudaHostAlloc");
+    host_words_.reset(words, [](void* p) { cudaFreeHost(p); });
   }
 
   int cuda_device() const { return device_; }
@@ -198,16 +200,15 @@ class CudaBackend {
   template <class F, class T, class Operation>
   T transform_reduce(std::int64_t n, const F& f, T identity, Operation combine) {
     if (n == 0) return identity;
-    static_assert(sizeof(T) <= result_bytes);
+    static_assert(sizeof(T) <= most_host_bytes);
     const OnDevice on(device_);
-    T* result = static_cast<T*>(result_.get());
+    T* result = static_cast<T*>(host_words_.get());  // the device writes it there by itself
     with_scratch("reduce", [&](void* scratch, std::size_t& bytes) {
       return cub::DeviceReduce::TransformReduce(scratch, bytes, thrust::counting_iterator<std::int64_t>(0), result, n,
                                                 combine, f, identity, stream_.get());
     });
-    T value = identity;
-    copy_to_host(&value, static_cast<const T*>(result), 1);
-    return value;
+    check(cudaStreamSynchronize(stream_.get()), "cuda");
+    return *result;
   }
 
   template <class Count>
@@ -248,9 +249,13 @@ class CudaBackend {
   }
   template <class T>
   void copy_to_host(T* host, const T* device, std::int64_t n) {
-    copy(host, device, n, cudaMemcpyDeviceToHost);
+    // Few bytes come sooner by way of memory that the host has pinned.
+    const std::size_t bytes = static_cast<std::size_t>(n) * sizeof(T);
+    T* target = bytes <= most_host_bytes ? static_cast<T*>(host_words_.get()) : host;
+    copy(target, device, n, cudaMemcpyDeviceToHost);
     const OnDevice on(device_);
     check(cudaStreamSynchronize(stream_.get()), "cuda");
+    if (target != host) std::copy_n(target, n, host);
   }
   // Waits for the user's work on this device too: it may write to arrays that they share with the world.
   void synchronize() {
@@ -293,11 +298,11 @@ class CudaBackend {
     check(call(scratch_.get(), bytes), what);
   }
 
-  static constexpr std::size_t result_bytes = 256;
+  static constexpr std::size_t most_host_bytes = 4096;
 
   int device_, block_size_;
   std::shared_ptr<CUstream_st> stream_;
-  std::shared_ptr<void> result_;        // of the last reduction
+  std::shared_ptr<void> host_words_;    // for what the host asks of the device
   std::shared_ptr<void> block_totals_;  // of a program on the whole grid
   std::shared_ptr<void> ticks_;
   std::shared_ptr<void> scratch_;

@@ -12,12 +12,14 @@ struct StateCheck {
   std::uint64_t largest_radius = 0;    // bits of a positive float; as wide as the other, to leave no gap between them
   std::uint64_t smallest_radius = ~std::uint64_t(0);  // likewise
   std::uint64_t largest_friction = 0;                 // likewise
+  std::uint64_t radius_digest = 0;                    // changes when a radius does
   struct Operation {
     FC_HOST_DEVICE StateCheck operator()(StateCheck a, const StateCheck& b) const {
       if (b.first_bad < a.first_bad) a.first_bad = b.first_bad;
       if (b.largest_radius > a.largest_radius) a.largest_radius = b.largest_radius;
       if (b.smallest_radius < a.smallest_radius) a.smallest_radius = b.smallest_radius;
       if (b.largest_friction > a.largest_friction) a.largest_friction = b.largest_friction;
+      a.radius_digest += b.radius_digest;
       return a;
     }
   };
@@ -38,7 +40,7 @@ struct CheckBody {
 
   FC_HOST_DEVICE StateCheck operator()(std::int64_t i) const {
     const auto bad = [i](Field field) {
-      return StateCheck{std::uint64_t(i) * 8 + std::uint64_t(field), 0, ~std::uint64_t(0), 0};
+      return StateCheck{std::uint64_t(i) * 8 + std::uint64_t(field), 0, ~std::uint64_t(0), 0, 0};
     };
     if (!(radii[i] >= smallest_radius && radii[i] <= largest_radius)) return bad(Field::radius);
     if (!is_finite(positions[i]) || !is_in_reach(positions[i], radii[i], box)) return bad(Field::position);
@@ -48,7 +50,9 @@ struct CheckBody {
     if (spins != nullptr && !is_finite(spins[i])) return bad(Field::spin);
     if (frictions != nullptr && !(frictions[i] >= 0.0f && frictions[i] <= largest_friction))
       return bad(Field::friction);
-    return {no_fault, bits_of(radii[i]), bits_of(radii[i]), frictions == nullptr ? 0u : bits_of(frictions[i])};
+    const std::uint64_t radius = bits_of(radii[i]);
+    return {no_fault, radius, radius, frictions == nullptr ? 0u : bits_of(frictions[i]),
+            mix64(std::uint64_t(i) << 32 | radius)};
   }
 };
 
