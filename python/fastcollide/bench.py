@@ -60,7 +60,8 @@ class Case:
 class Row:
     """One case, measured. Times are those of one frame [ms].
 
-    ms: median of the repeats; ms_fastest, ms_slowest: of the repeats; times_yardstick: how often this fits into the
+    ms: median of the repeats; ms_fastest, ms_slowest: of the repeats; ms_one_by_one: where each frame is a call of its
+    own, from one more run; times_yardstick: how often this fits into the
     time of the yardstick, as the median over the repeats, in each of which the two ran one soon after the other, None
     where the device has no memory for it;
     contacts_per_sphere: overlapping pairs over spheres, at the end; model_bytes: that a frame moves at least for each
@@ -79,6 +80,7 @@ class Row:
     ms: float
     ms_fastest: float
     ms_slowest: float
+    ms_one_by_one: float
     times_yardstick: float | None
     contacts_per_sphere: float
     model_bytes: int
@@ -90,9 +92,11 @@ class Row:
 
 @dataclass
 class _Measurement:
-    """What is known of a case so far. seconds: a frame, for each repeat; spent: all told [s]."""
+    """What is known of a case so far. seconds: a frame, for each repeat; one_by_one: a frame that is a call of its own;
+    spent: all told [s]."""
 
     seconds: list[float] = field(default_factory=list)
+    one_by_one: float = 0.0
     spent: float = 0.0
     contacts: int = 0
     stages: dict[str, float] = field(default_factory=dict)
@@ -176,31 +180,35 @@ def _interleaved(
     measurements: dict[Case, _Measurement], settings: BenchSettings
 ) -> Iterator[tuple[Case, Callable[[], None]]]:
     """What to run: each case in turn, again and again, so that what else the machine does hits all alike."""
-    for timed in (*[False] * settings.repeats, True):
+    for way in (*["at once"] * settings.repeats, "one by one", "by stages"):
         for case in list(measurements):
             measured = measurements.get(case)
             if measured is None:
                 continue
             repeats = len(measured.seconds)
             would_take = measured.spent * (repeats + 1) / max(repeats, 1)
-            if not timed and repeats and would_take > settings.seconds:
+            if way == "at once" and repeats and would_take > settings.seconds:
                 continue
-            yield case, partial(_run_once, case, measured, settings.frames, timed)
+            yield case, partial(_run_once, case, measured, settings.frames, way)
 
 
-def _run_once(case: Case, measured: _Measurement, frames: int, timed: bool) -> None:
+def _run_once(case: Case, measured: _Measurement, frames: int, way: str) -> None:
     started = time.perf_counter()
     world = new_world(case)
     world.step(WARM_UP, DT)
-    world.timed = timed
+    world.timed = way == "by stages"
+    calls = [1] * frames if way == "one by one" else [frames]
     before = time.perf_counter()
-    world.step(frames, DT)
+    for frames_of_call in calls:
+        world.step(frames_of_call, DT)
     seconds = (time.perf_counter() - before) / frames
     measured.state = world.state_hash()
     measured.device_name = world.device_name
-    if timed:
+    if way == "by stages":
         measured.stages = {name: 1e3 * spent / frames for name, spent in world.stage_times.items()}
         measured.contacts = world.contact_count()
+    elif way == "one by one":
+        measured.one_by_one = seconds
     else:
         measured.seconds.append(seconds)
     measured.spent += time.perf_counter() - started
@@ -231,6 +239,7 @@ def _row(case: Case, measurements: dict[Case, _Measurement], frames: int, bandwi
         ms=1e3 * seconds,
         ms_fastest=1e3 * min(measured.seconds),
         ms_slowest=1e3 * max(measured.seconds),
+        ms_one_by_one=1e3 * measured.one_by_one,
         times_yardstick=statistics.median(ratios) if ratios else None,
         contacts_per_sphere=measured.contacts / case.spheres,
         model_bytes=least,

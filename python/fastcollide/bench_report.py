@@ -55,10 +55,13 @@ def print_tables(rows: Sequence[Row]) -> None:
     first = rows[0]
     console = Console(width=max(Console().width, NARROWEST))
     copy = "no library to measure it with" if first.copy_gb_s is None else f"{first.copy_gb_s:,.0f} GB/s"
-    results = _table("ms a frame", "fastest", "slowest", "× yardstick", "% of roof", "contacts each", "state")
+    results = _table(
+        "ms a frame", "fastest", "slowest", "one by one", "× yardstick", "% of roof", "contacts each", "state"
+    )
     results.title = (
         f"{first.device}: {first.device_name}; frames {WARM_UP + 1} to {WARM_UP + first.frames}; "
-        f"copy: {copy}; yardstick: reference, cells"
+        f"copy: {copy}; "
+        "yardstick: reference, cells; one by one: each frame a call"
     )
     stages_there = [stage for stage in STAGES if any(stage in row.stages for row in rows)]
     stages = _table(*(stage.replace("_", " ") for stage in stages_there))
@@ -67,7 +70,7 @@ def print_tables(rows: Sequence[Row]) -> None:
         for row in rows_of_size:
             names = (f"{spheres:,}", row.solver, row.method)
             share = "" if row.roof_share is None else f"{100 * row.roof_share:.1f}"
-            times = (f"{value:.4g}" for value in (row.ms, row.ms_fastest, row.ms_slowest))
+            times = (f"{value:.4g}" for value in (row.ms, row.ms_fastest, row.ms_slowest, row.ms_one_by_one))
             ratio = "" if row.times_yardstick is None else f"{row.times_yardstick:.2f}"
             figures = (ratio, share, f"{row.contacts_per_sphere:.2f}", row.state_hash)
             results.add_row(*names, *times, *figures)

@@ -78,13 +78,13 @@ def clock(monkeypatch):
     """Measurements that take known times: run(case) is noted, each repeat of a case is twice as long as the last."""
     runs = []
 
-    def run_once(case, measured, frames, timed):
-        runs.append((case.solver, case.method, timed))
+    def run_once(case, measured, frames, way):
+        runs.append((case.solver, case.method, way))
         seconds = (8.0 if case == case.yardstick else 2.0) * 2 ** len(measured.seconds)
         measured.spent += seconds
-        if timed:
+        if way == "by stages":
             measured.stages = {"advance": 1.0}
-        else:
+        elif way == "at once":
             measured.seconds.append(seconds)
 
     monkeypatch.setattr(bench, "_run_once", run_once)
@@ -94,7 +94,17 @@ def clock(monkeypatch):
 def test_repeats_take_turns_and_the_stages_come_last(clock):
     run_bench(replace(SMALL, sizes=(40,), solver=("reference",), seconds=1e4))
     cells, fast = ("reference", "cells"), ("reference", "list")
-    assert clock == [(*case, timed) for timed in (False, False, True) for case in (cells, fast)]
+    ways = ("at once", "at once", "one by one", "by stages")
+    assert clock == [(*case, way) for way in ways for case in (cells, fast)]
+
+
+def test_frames_are_also_timed_as_calls_of_their_own(monkeypatch):
+    calls = []
+    step = fc.World.step
+    monkeypatch.setattr(fc.World, "step", lambda world, frames, dt: (calls.append(frames), step(world, frames, dt)))
+    (row,) = run_bench(replace(SMALL, sizes=(40,), repeats=1, solver=("reference",), method=("cells",), frames=7))
+    assert calls == [40, 7, 40, *[1] * 7, 40, 7]
+    assert row.ms_one_by_one > 0
 
 
 @pytest.mark.usefixtures("clock")
@@ -112,7 +122,7 @@ def test_no_repeat_is_begun_that_would_take_too_long(clock):
     rows = run_bench(replace(SMALL, sizes=(40,), repeats=9, seconds=20.0, solver=("reference",)))
     # As long as the mean so far, one more would end at 16, then at 36 s; of the other at 4, 9, 18.7, then 37.5 s.
     assert [row.repeats for row in rows] == [2, 4]
-    assert clock.count(("reference", "cells", True)) == 1
+    assert clock.count(("reference", "cells", "by stages")) == 1
     assert run_bench(replace(SMALL, sizes=(40,), seconds=1e-9))[0].repeats == 1
 
 

@@ -51,8 +51,8 @@ def test_the_table_of_sizes_has_a_row_for_each_ratio_and_a_column_for_each_way(d
 
 ROW = Row(
     device="cpu", device_name="Some Processor (2 threads)", spheres=2000, solver="reference", method="cells",
-    frames=60, repeats=5, ms=8.0, ms_fastest=7.0, ms_slowest=9.0, times_yardstick=1.0, contacts_per_sphere=0.5,
-    model_bytes=490, copy_gb_s=24.5, roof_share=0.005, state_hash="1" * 16, stages={},
+    frames=60, repeats=5, ms=8.0, ms_fastest=7.0, ms_slowest=9.0, ms_one_by_one=9.5, times_yardstick=1.0,
+    contacts_per_sphere=0.5, model_bytes=490, copy_gb_s=24.5, roof_share=0.005, state_hash="1" * 16, stages={},
 )  # fmt: skip
 SUBSTEP = {"solver": "substep", "method": "list", "ms": 4.0, "times_yardstick": 2.04, "contacts_per_sphere": 1.25}
 STAGES = {"build_grid": 1.0, "make_lists": 2.0, "gather_contacts": 4.0, "apply_contacts": 5.0}
@@ -68,12 +68,14 @@ def write_results(folder, *changes):
 
 
 def test_a_table_has_the_figures_of_its_csv(draw_performance, tmp_path):
-    write_results(tmp_path / "machine", {}, {**SUBSTEP, "roof_share": 0.0123, "stages": STAGES, "state_hash": "2" * 16})
+    substep = {**SUBSTEP, "roof_share": 0.0123, "stages": STAGES, "state_hash": "2" * 16}
+    by_itself = {**substep, "method": "auto", "ms": 4.5, "ms_one_by_one": 5.25}
+    write_results(tmp_path / "machine", {}, substep, by_itself)
     text = draw_performance.tables(draw_performance.read_results(tmp_path))
     assert text.startswith("### Some Processor (2 threads)\n")
     assert "medians of 5 repeats; copy 24 GB/s; a note." in text
     (line,) = [line for line in text.splitlines() if line.startswith("| 2,000")]
-    assert line == "| 2,000 | 8 | – | 4 (2×) | – | 1.2 % | 1.2 | 25 % |"
+    assert line == "| 2,000 | 8 | – | 4 (2×) | – | 5.25 | 1.2 % | 1.2 | 25 % |"
 
 
 def test_what_was_not_measured_is_a_dash(draw_performance, tmp_path):
@@ -81,7 +83,7 @@ def test_what_was_not_measured_is_a_dash(draw_performance, tmp_path):
     write_results(tmp_path / "machine", {**SUBSTEP, **unknown})
     text = draw_performance.tables(draw_performance.read_results(tmp_path))
     assert "copy not measured" in text
-    assert "| 2,000 | – | – | 4 | – | – | 1.2 | 25 % |" in text
+    assert "| 2,000 | – | – | 4 | – | – | – | 1.2 | 25 % |" in text
 
 
 def test_machines_with_different_states_are_no_page(draw_performance, tmp_path):
