@@ -21,14 +21,9 @@ class ContactMemory {
   // Room for all spheres; new ones remember nothing. width: words in an entry, the same in every call.
   void resize(std::int64_t count, std::uint32_t width) {
     width_ = width;
-    const std::int64_t known = copies_[0].rows.size();
-    if (known == count) return;
+    if (copies_[0].rows.size() == count) return;
     chained_places_ = std::max(chained_places_, count / 16 + 64);
     resize_copies(count);
-    if (known == 0) backend_.fill_zero(copies_[0].chained_count.data(), 1);
-    if (count <= known) return;
-    // A row is read whole, with the names of partners that it does not have.
-    for (Copy& copy : copies_) backend_.fill_zero(copy.rows.data() + known, count - known);
   }
 
   // Before the first of all passes of a run; `watch` is on the device. The last of them writes copy 2, however many
@@ -134,12 +129,20 @@ class ContactMemory {
   // The rows last: where memory runs out on the way, the next call tries again.
   void resize_copies(std::int64_t count) {
     for (Copy& copy : copies_) {
-      copy.entries.resize(count * places_in_row * width_);
-      copy.chained.resize(chained_places_ * width_);
-      copy.chained_before.resize(chained_places_);
-      copy.chained_count.resize(1);
+      resize_with_zeros(copy.entries, count * places_in_row * width_);
+      resize_with_zeros(copy.chained, chained_places_ * width_);
+      resize_with_zeros(copy.chained_before, chained_places_);
+      resize_with_zeros(copy.chained_count, 1);
     }
-    for (int i : {1, 2, 0}) copies_[i].rows.resize(count);
+    for (int i : {1, 2, 0}) resize_with_zeros(copies_[i].rows, count);
+  }
+  // A row is read whole, with the names of partners that it does not have, and where a buffer grows all of
+  // it is copied.
+  template <class Buffer>
+  void resize_with_zeros(Buffer& buffer, std::int64_t count) {
+    const std::int64_t known = buffer.size();
+    buffer.resize(count);
+    if (count > known) backend_.fill_zero(buffer.data() + known, count - known);
   }
   MemoryRows view(Copy& copy) {
     return {copy.rows.data(),

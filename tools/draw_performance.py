@@ -183,7 +183,7 @@ def draw(results: dict) -> None:
     figure, axes = pyplot.subplots(
         1, len(results), figsize=(5.6 * len(results), 4.4), layout="constrained", squeeze=False, sharey=True
     )
-    for panel, rows in zip(axes[0], results.values(), strict=True):
+    for panel, ((machine, _), rows) in zip(axes[0], results.items(), strict=True):
         for solver, way, words, colour in CURVES:
             sizes = dict.fromkeys(row["spheres"] for row in rows)
             points = [row for size in sizes if (row := row_of(rows, size, solver, way)) is not None]
@@ -191,7 +191,7 @@ def draw(results: dict) -> None:
             ms = [float(row["ms"]) for row in points]
             panel.loglog(spheres, ms, "o-", color=colour, label=words, markersize=4)
         draw_roof(panel, rows)
-        panel.set(title=rows[0]["device_name"].partition(" (compute")[0], xlabel="spheres")
+        panel.set(title=f"{rows[0]['device_name'].partition(' (compute')[0]}\n{machine}", xlabel="spheres")
         panel.grid(color="0.92")
     axes[0][0].set_ylabel("ms a frame")
     axes[0][0].legend()
