@@ -61,9 +61,8 @@ class Row:
     """One case, measured. Times are those of one frame [ms].
 
     ms: median of the repeats; ms_fastest, ms_slowest: of the repeats; ms_one_by_one: where each frame is a call of its
-    own, from one more run; times_yardstick: how often this fits into the
-    time of the yardstick, as the median over the repeats, in each of which the two ran one soon after the other, None
-    where the device has no memory for it;
+    own, from one more run; times_yardstick: how often this fits into the time of the yardstick, as the median over the
+    repeats, in each of which the two ran one soon after the other, None where the device has no memory for it;
     contacts_per_sphere: overlapping pairs over spheres, at the end; model_bytes: that a frame moves at least for each
     sphere; copy_gb_s: what a plain copy reads and writes [10⁹ bytes/s]; roof_share: the time that the model's bytes
     take at that rate over ms; None where there is no library to measure it with; stages: from one more run that times

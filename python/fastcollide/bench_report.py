@@ -60,8 +60,7 @@ def print_tables(rows: Sequence[Row]) -> None:
     )
     results.title = (
         f"{first.device}: {first.device_name}; frames {WARM_UP + 1} to {WARM_UP + first.frames}; "
-        f"copy: {copy}; "
-        "yardstick: reference, cells; one by one: each frame a call"
+        f"copy: {copy}; yardstick: reference, cells; one by one: each frame a call"
     )
     stages_there = [stage for stage in STAGES if any(stage in row.stages for row in rows)]
     stages = _table(*(stage.replace("_", " ") for stage in stages_there))
