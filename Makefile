@@ -23,7 +23,7 @@ help:
 	@echo "make demo      simulate 10,000 spheres for 5 s and make a video of them"
 	@echo "make test      run every test"
 	@echo "make docs      build the documentation into build/docs"
-	@echo "make validate  compare with the literature: gases, packings, a hopper (20 minutes on 2 cores; DEVICE=cuda)"
+	@echo "make validate  compare with the literature: gases, packings, a hopper (5 to 20 minutes on 2 cores; DEVICE=cuda)"
 	@echo "make videos    make a small video of each scene"
 	@echo "make bench     measure this machine"
 	@echo "make lint      format and check the sources"
