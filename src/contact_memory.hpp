@@ -22,7 +22,8 @@ class ContactMemory {
   void resize(std::int64_t count, std::uint32_t width) {
     width_ = width;
     if (copies_[0].rows.size() == count) return;
-    chained_places_ = std::max(chained_places_, count / 16 + 64);
+    // Room from the start for a pile, as frames that found none are run again; of very many spheres memory is short.
+    chained_places_ = std::max(chained_places_, (count <= 1 << 24 ? count / 2 : count / 16) + 64);
     resize_copies(count);
   }
 
@@ -41,13 +42,20 @@ class ContactMemory {
   bool had_room(const Watch& watch) {
     const auto wanted = static_cast<std::int64_t>(watch.memory_wanted);
     if (wanted <= chained_places_) return true;
-    chained_places_ = wanted + wanted / 2;
-    resize_copies(copies_[0].rows.size());
+    make_room(wanted);
     return false;
   }
-  // What the last pass of a run has written is what is known from now on.
-  void end_run(std::int64_t passes) {
-    if (is_kept() && passes > 0) std::swap(copies_[0], copies_[2]);
+  // What the last pass of a run has written is what is known from now on. Where there is little room left the next run
+  // gets more: to run it twice would take longer.
+  void end_run(const Watch& watch, std::int64_t passes) {
+    if (!is_kept() || passes == 0) return;
+    std::swap(copies_[0], copies_[2]);
+    const auto wanted = static_cast<std::int64_t>(watch.memory_wanted);
+    if (4 * wanted <= 3 * chained_places_) return;
+    try {
+      make_room(wanted);
+    } catch (const OutOfMemory&) {
+    }
   }
 
   // In the order of owner and partner, whatever order the entries have here.
@@ -126,6 +134,15 @@ class ContactMemory {
     typename B::template Buffer<std::uint32_t> chained_before, chained_count;
   };
 
+  void make_room(std::int64_t wanted) {
+    const std::int64_t before = std::exchange(chained_places_, 2 * wanted);
+    try {
+      resize_copies(copies_[0].rows.size());
+    } catch (...) {
+      chained_places_ = before;
+      throw;
+    }
+  }
   // The rows last: where memory runs out on the way, the next call tries again.
   void resize_copies(std::int64_t count) {
     for (Copy& copy : copies_) {

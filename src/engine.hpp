@@ -428,7 +428,7 @@ class EngineOn final : public Engine {
     if (has_friction_ || memory_.is_kept()) memory_.resize(count(), words_of_memory());
     Watch watch = try_frames(frames, parameters, may_have_changed);
     while (!memory_.had_room(watch)) watch = try_frames(frames, parameters, true);
-    if (watch.first_fault == no_fault) memory_.end_run(frames * options_.iterations);
+    if (watch.first_fault == no_fault) memory_.end_run(watch, frames * options_.iterations);
     return watch;
   }
 

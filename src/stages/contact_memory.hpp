@@ -55,14 +55,16 @@ struct MemoryRows {
     }
     return {{0, 0, 0}, {0, 0, 0}};
   }
-  // Several lanes may add to a row at the same time. Returns how many chained places there should be, 0 where there is
-  // one.
+  // Several lanes may add to a row at the same time. Returns 0 or, where there is no chained place left, how many there
+  // should be; as the last quarter of them is taken, some are told how many are in use.
   FC_HOST_DEVICE std::uint32_t add(std::uint32_t owner, std::uint32_t partner, const ContactStretch& stretch) const {
     const std::uint32_t place = atomic_add(&rows[owner].count, 1);
+    std::uint32_t told = 0;
     MemoryWord* entry = entries + (std::int64_t(owner) * places_in_row + place) * width;
     if (place >= places_in_row) {
       const std::uint32_t more = atomic_add(chained_count, 1);
       if (more >= chained_places) return more + 1;
+      if (more > chained_places - chained_places / 4 && more % 64 == 0) told = more;
       entry = chained + std::int64_t(more) * width;
       chained_before[more] = atomic_exchange(&rows[owner].last_chained, more + 1);
     } else {
@@ -70,7 +72,7 @@ struct MemoryRows {
     }
     entry[0] = {stretch.slide, partner};
     if (width > 1) entry[1] = {stretch.roll, partner};
-    return 0;
+    return told;
   }
   // `may_have_entries`: most rows have none, and need not even be read.
   FC_HOST_DEVICE void clear(std::uint32_t owner, bool may_have_entries) const {
@@ -83,7 +85,7 @@ struct MemoryRows {
 struct MemoryPass {
   MemoryRows from, to;
   MemoryRows cleared;     // those that the next pass will write
-  std::uint64_t* wanted;  // most chained entries that a pass had
+  std::uint64_t* wanted;  // most chained entries that a pass had, where room for them is short
 
   FC_HOST_DEVICE bool is_kept() const { return from.rows != nullptr; }
   MemoryPass next() const { return {to, cleared, to, wanted}; }

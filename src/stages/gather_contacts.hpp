@@ -165,7 +165,9 @@ struct GatherContacts {
     const std::uint32_t wanted = memory.to.add(owner, partner, stretch);
     if (wanted == 0) return;
     atomic_max(memory.wanted, wanted);
-    atomic_min(first_fault, fault_word(substep.frame, owner, FaultKind::memory_full));
+    if (wanted > memory.to.chained_places) {
+      atomic_min(first_fault, fault_word(substep.frame, owner, FaultKind::memory_full));
+    }
   }
 
   FC_HOST_DEVICE void gather_walls(std::int64_t slot, const Sphere& self, float known_crowding, Vec3 spin,
