@@ -440,21 +440,27 @@ class EngineOn final : public Engine {
       are_lists_behind_ = true;
       return small_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), timer);
     }
-    if (sorts_by_levels()) {
-      are_lists_behind_ = true;
-      return level_runs_.run(parameters, frames, levels_, radii_, body_arrays(), count(), memory_, timer);
+    if (sorts_by_levels()) return run_by_levels(frames, parameters);
+    if (frames_by_levels_ > 0) {
+      try {
+        return run_by_levels(frames, parameters);
+      } catch (const OutOfMemory&) {  // a wish: lists for each frame have their memory already
+        level_runs_.emplace(backend_);
+        may_use_levels_ = false;
+        plan_levels();
+      }
     }
     if (makes_lists_for_each_frame()) {
       const std::optional<Watch> watch =
           frame_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), memory_, timer);
       are_lists_behind_ = true;
-      const bool is_slow = frame_runs_.had_many_strays();
-      list_spell_ = is_slow ? std::clamp<std::int64_t>(list_spell_ + list_spell_ / 2, 32, 128) : 0;
-      frames_by_list_ = list_spell_;
-      if (watch) return *watch;
+      if (watch) {
+        plan_levels();
+        return *watch;
+      }
+      if (options_.method == Method::automatic) return run_by_levels(frames, parameters);
     }
     if (options_.method != Method::cells) {
-      frames_by_list_ -= frames;
       const std::optional<Watch> watch =
           listed_.run(parameters, frames, are_lists_behind_, largest_radius_, body_arrays(), count(), memory_, timer);
       are_lists_behind_ = false;
@@ -491,15 +497,24 @@ class EngineOn final : public Engine {
   }
 
   bool makes_lists_for_each_frame() const {
-    return options_.method == Method::frame ||
-           (options_.method == Method::automatic && B::has_whole_grid && frames_by_list_ <= 0);
+    return options_.method == Method::frame || (options_.method == Method::automatic && B::has_whole_grid);
   }
 
-  // Where many spheres leave their skins within a frame, lists that are mended serve better for a spell; then one frame
-  // tells whether that is still so.
+  Watch run_by_levels(std::int64_t frames, const FrameParameters& parameters) {
+    frames_by_levels_ -= frames;
+    are_lists_behind_ = true;
+    return level_runs_->run(parameters, frames, levels_, radii_, body_arrays(), count(), memory_, timer);
+  }
+
+  // Where lists for each frame do not save the search, to search in each pass is sooner done for a spell; then one
+  // frame tells whether that is still so.
+  void plan_levels() {
+    looks_for_end_ = options_.method == Method::automatic && may_use_levels_ && frame_runs_.had_to_search();
+    frames_by_levels_ = looks_for_end_ ? level_spell : 0;
+  }
   std::int64_t frames_of_next_run() const {
-    if (list_spell_ == 0) return frames_at_once_;
-    return frames_by_list_ > 0 ? std::min(frames_by_list_, frames_at_once_) : 1;
+    if (!looks_for_end_) return frames_at_once_;
+    return frames_by_levels_ > 0 ? std::min(frames_by_levels_, frames_at_once_) : 1;
   }
 
   BodyArrays body_arrays() {
@@ -543,7 +558,7 @@ class EngineOn final : public Engine {
   Scratch<B> scratch_{backend_};
   ContactScratch<B> contact_scratch_{backend_};
   FrameRuns<B> frame_runs_{backend_};
-  LevelRuns<B> level_runs_{backend_};
+  std::optional<LevelRuns<B>> level_runs_{std::in_place, backend_};
   SmallRuns<B> small_runs_{backend_};
   ListedFrames<B> listed_{backend_};
   ContactMemory<B> memory_{backend_};
@@ -556,8 +571,11 @@ class EngineOn final : public Engine {
   std::uint64_t surveyed_digest_ = 0;
   CellLevels levels_{};
   std::int64_t frames_at_once_ = B::frames_between_checks;
-  std::int64_t list_spell_ = 0, frames_by_list_ = 0;  // frames by lists that are mended; those still to come
-  bool are_lists_behind_ = false;                     // bodies may have been changed by others since lists were run
+  static constexpr std::int64_t level_spell = 24;
+  std::int64_t frames_by_levels_ = 0;  // of a spell, those still to come
+  bool looks_for_end_ = false;         // of the spells
+  bool may_use_levels_ = true;         // in place of lists: there was memory for both so far
+  bool are_lists_behind_ = false;      // bodies may have been changed by others since lists were run
   bool is_crowding_known_ = false;
   bool has_friction_ = false;  // of the default solver, where spheres turn: contacts remember
 };

@@ -60,6 +60,7 @@ class FrameRuns {
       const bool had_room = control.longest <= world.lists.places() && control.most_stray_records <= stray_places_;
       make_room(control, frames);
       last_stray_records_ = *std::max_element(std::begin(control.stray_records), std::end(control.stray_records));
+      last_void_lists_ = control.void_lists / frames;
       mean_speed_ = control.mean_speed;
       fast_samples_ = control.fast_samples;
       touched_samples_ = control.touched_samples;
@@ -69,8 +70,9 @@ class FrameRuns {
     }
   }
 
-  // Whether so many spheres left their skins in a frame that to look for strays took most of the time.
-  bool had_many_strays() const { return last_stray_records_ > count_ / 8; }
+  // Whether in the last frames so many spheres left their skins, or had no room in their lists, that to search took
+  // most of the time.
+  bool had_to_search() const { return last_stray_records_ > count_ / 4 || last_void_lists_ > count_ / 64; }
 
  private:
   // A search looks at runs of cells along x: narrow there, so that it looks at little else, and wide across, so that
@@ -158,15 +160,9 @@ class FrameRuns {
     backend_.fill_zero(stray_words_.data(), stray_words_.size());
     FrameWorld running = world;
     auto run = runner_.run(backend_, timer, 1u << lane_bits_, world.is_dense);
-    const Box& box = world.frame.substep.box;
-    const bool has_walls = box.x == Boundary::wall && box.y == Boundary::wall && box.z == Boundary::wall;
-    if (world.state.spins != nullptr) {
-      has_walls ? simulate_frames_by_their_lists<true, true>(run, running, frames)
-                : simulate_frames_by_their_lists<true, false>(run, running, frames);
-    } else {
-      has_walls ? simulate_frames_by_their_lists<false, true>(run, running, frames)
-                : simulate_frames_by_their_lists<false, false>(run, running, frames);
-    }
+    call_for_world(world.state.spins != nullptr, world.frame.substep.box, [&]<bool is_rough, bool has_walls>() {
+      simulate_frames_by_their_lists<is_rough, has_walls>(run, running, frames);
+    });
     // Which of the two copies holds what.
     if (running.constants.ids != world.constants.ids) std::swap(constants_, other_constants_);
     backend_.copy_to_host(&control, std::as_const(control_).data(), 1);
@@ -325,7 +321,7 @@ class FrameRuns {
   B& backend_;
   FrameRunner<B> runner_;
   std::int64_t count_ = 0;
-  std::int64_t last_stray_records_ = 0;
+  std::int64_t last_stray_records_ = 0, last_void_lists_ = 0;  // of a frame
   Vec3 drift_{0, 0, 0};                                        // mean velocity of the last frame [m/s]
   float mean_speed_ = std::numeric_limits<float>::infinity();  // beside it [m/s]
   std::uint32_t fast_samples_ = 0;

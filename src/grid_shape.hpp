@@ -39,7 +39,7 @@ struct RadiusSurvey {
 double size_spread(const RadiusSurvey& radii);
 
 // Beyond this, grids in levels: on a GPU, where long lists keep a lane waiting, sooner.
-inline constexpr double widest_spread_on_cpu = 150, widest_spread_on_gpu = 40;
+inline constexpr double widest_spread_on_cpu = 1000, widest_spread_on_gpu = 40;
 
 // Cells for all spheres.
 CellLevels one_level(const GridShape& shape);

@@ -40,10 +40,9 @@ class HostRun {
     });
     for_each(stage, read(static_cast<const std::uint32_t*>(find.record_counts())), pass);
   }
-  // Pass is one of contacts, group some slots that lie one after the other and the lanes that each is worth.
-  template <class Group, class Pass>
-  void for_each_of_group(Stage stage, const Group& group, const Pass& pass) {
-    timer_.time(backend_, stage, [&] { backend_.for_each_shared(group.first, group.count, group.lanes, pass); });
+  template <class Pass>
+  void for_each_of_groups(Stage stage, const SlotGroups& groups, const Pass& pass) {
+    timer_.time(backend_, stage, [&] { backend_.for_each_of_groups(groups, pass); });
   }
   template <class F>
   void alone(const F& f) {

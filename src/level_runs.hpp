@@ -23,33 +23,37 @@ class LevelRuns {
 
  private:
   // Large spheres look at many rows of cells, most of them in finer levels.
-  static void group_levels(LevelWorld& world, const RadiusSurvey& radii) {
+  static SlotGroups group_levels(const CellLevels& levels, const RadiusSurvey& radii, std::int64_t count) {
+    SlotGroups groups{};
     std::int64_t first = 0;
-    for (int k = 0; k < world.levels.count; ++k) {
+    for (int k = 0; k < levels.count; ++k) {
       std::int64_t members = 0;
       for (int octave = 0; octave < octaves; ++octave) {
-        if (world.levels.level_of_octave[octave] == k) members += radii.octave_counts[octave];
+        if (levels.level_of_octave[octave] == k) members += radii.octave_counts[octave];
       }
       double rows = 0;
-      for (int m = 0; m < world.levels.count; ++m) {
-        const float largest = world.levels.levels[k].largest_radius, other = world.levels.levels[m].largest_radius;
-        const double across = 1.0 + 2.0 * (largest + other) * world.levels.levels[m].shape.y.inverse_edge;
+      for (int m = 0; m < levels.count; ++m) {
+        const float largest = levels.levels[k].largest_radius, other = levels.levels[m].largest_radius;
+        const double across = 1.0 + 2.0 * (largest + other) * levels.levels[m].shape.y.inverse_edge;
         rows += across * across;
       }
-      const int fewest_lanes = B::has_whole_grid && world.count <= 131072 ? 8 : 1;
-      const int lanes = rows > 2048 ? 512 : rows > 512 ? 128 : rows > 128 ? 32 : fewest_lanes;
-      LevelGroup* last = world.group_count > 0 ? &world.groups[world.group_count - 1] : nullptr;
+      const int fewest_lanes = B::has_whole_grid && count <= 131072 ? 8 : 1;
+      // Few of them should not keep the others waiting.
+      const double parts = std::clamp(std::min(rows / 1024, 4096.0 / static_cast<double>(members + 1)), 1.0, 32.0);
+      const int lanes = rows > 512 ? 128 * static_cast<int>(parts) : rows > 128 ? 32 : fewest_lanes;
+      SlotGroup* last = groups.count > 0 ? &groups.groups[groups.count - 1] : nullptr;
       if (last != nullptr && last->lanes == lanes) {
         last->count += members;
       } else {
-        world.groups[world.group_count++] = {first, members, lanes};
+        groups.groups[groups.count++] = {first, members, lanes};
       }
       first += members;
     }
+    return groups;
   }
 
   void resize(const LevelWorld& world) {
-    const std::int64_t count = world.count, cells = world.levels.cells;
+    const std::int64_t count = world.count, cells = world.cells;
     const bool is_rough = world.bodies.spins != nullptr, is_substep = world.frame.solver == Solver::substep;
     count_ = 0;  // nothing is known should memory run out on the way
     for (auto* state : {&state_, &other_state_}) state->resize(count, is_substep, is_rough);
@@ -65,6 +69,7 @@ class LevelRuns {
     }
     cell_start_.resize(cells + 1);
     watch_.resize(1);
+    levels_.resize(1);
     count_ = count;
   }
 
@@ -80,6 +85,7 @@ class LevelRuns {
     world.velocity_change = velocity_change_.data();
     world.turn = turn_.size() > 0 ? turn_.data() : nullptr;
     world.pick = pick_.data();
+    world.levels = levels_.data();
     world.watch = watch_.data();
   }
 
@@ -89,6 +95,7 @@ class LevelRuns {
   typename B::template Buffer<std::uint32_t> cell_of_slot_{backend_}, rank_of_slot_{backend_}, cell_counts_{backend_},
       cell_start_{backend_}, pick_{backend_};
   typename B::template Buffer<Vec3> velocity_change_{backend_}, turn_{backend_};
+  typename B::template Buffer<CellLevels> levels_{backend_};
   typename B::template Buffer<Watch> watch_{backend_};
   std::int64_t count_ = 0;  // of the spheres whose ids the slots hold
 };
@@ -105,15 +112,18 @@ Watch LevelRuns<B>::run(const FrameParameters& frame, std::int64_t frames, const
   world.count = count;
   world.is_new = count != count_;
   world.bodies = bodies;
-  world.levels = levels;
-  group_levels(world, radii);
+  world.cells = levels.cells;
+  world.groups = group_levels(levels, radii, count);
   resize(world);
   set_pointers(world);
   Watch watch;
   backend_.copy_to_device(watch_.data(), &watch, 1);
+  backend_.copy_to_device(levels_.data(), &levels, 1);
   world.memory = memory.start_run(watch_.data(), frames * frame.iterations);
   HostRun<B> run(backend_, timer);
-  simulate_frames_by_levels(run, world, static_cast<std::uint32_t>(frames));
+  call_for_world(bodies.spins != nullptr, frame.substep.box, [&]<bool is_rough, bool has_walls>() {
+    simulate_frames_by_levels<is_rough, has_walls>(run, world, static_cast<std::uint32_t>(frames));
+  });
   // Which of the two copies holds what.
   if (world.constants.ids != constants_.ids.data()) std::swap(constants_, other_constants_);
   backend_.copy_to_host(&watch, std::as_const(watch_).data(), 1);

@@ -10,15 +10,10 @@
 #include "stage_timer.hpp"
 #include "stages/apply_contacts.hpp"
 #include "stages/gather_contacts.hpp"
+#include "stages/known_world.hpp"
 #include "stages/sort_level_slots.hpp"
 
 namespace fastcollide {
-
-// Spheres of some levels, which lie one after the other, and how many lanes look for the neighbours of each.
-struct LevelGroup {
-  std::int64_t first, count;
-  int lanes;
-};
 
 // Plain pointers and numbers. Stages get parts of it.
 struct LevelWorld {
@@ -28,9 +23,9 @@ struct LevelWorld {
   BodyArrays bodies;
   SlotState state, other_state;
   SlotConstants constants, other_constants;
-  CellLevels levels;
-  LevelGroup groups[most_levels];
-  int group_count;
+  const CellLevels* levels;
+  std::int64_t cells;  // of all levels
+  SlotGroups groups;
   std::uint32_t *cell_of_slot, *rank_of_slot, *cell_counts, *cell_start;
   Vec3* velocity_change;
   Vec3* turn;  // or null
@@ -51,9 +46,26 @@ struct LevelWorld {
   void swap_state() { std::swap(state, other_state); }
 };
 
+template <class Pass, bool is_rough, bool has_walls>
+struct LevelPass {
+  static constexpr bool has_friction = is_rough;
+  Pass pass;
+
+  FC_HOST_DEVICE Pass here() const { return in_known_world<is_rough, has_walls>(pass); }
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const { here()(slot); }
+};
+
+template <class Pass, bool is_rough, bool has_walls>
+struct SharedLevelPass : LevelPass<Pass, is_rough, has_walls> {
+  using Sum = typename Pass::Sum;
+
+  FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const { return this->here().gather(slot, lane); }
+  FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const { this->here().finish(slot, sum); }
+};
+
 template <class Run>
 void sort_by_levels(Run& run, LevelWorld& world) {
-  run.exclusive_scan(Stage::build_grid, world.cell_counts, world.cell_start, world.levels.cells);
+  run.exclusive_scan(Stage::build_grid, world.cell_counts, world.cell_start, world.cells);
   run.for_each(Stage::build_grid, world.count,
                ScatterLevelSlots{world.cell_of_slot,
                                  world.rank_of_slot,
@@ -64,11 +76,11 @@ void sort_by_levels(Run& run, LevelWorld& world) {
 }
 
 // One iteration of the reference solver, one substep of the default one.
-template <class Run>
+template <bool is_rough, bool has_walls, class Run>
 void run_level_pass(Run& run, LevelWorld& world, std::uint32_t pass, const ToNextPass& output) {
   const Substep& step = world.frame.substep;
-  const auto run_groups = [&](Stage stage, const auto& contacts) {
-    for (int i = 0; i < world.group_count; ++i) run.for_each_of_group(stage, world.groups[i], contacts);
+  const auto run_groups = [&]<class Pass>(Stage stage, const Pass& contacts) {
+    run.for_each_of_groups(stage, world.groups, SharedLevelPass<Pass, is_rough, has_walls>{{contacts}});
   };
   if (world.frame.solver == Solver::reference) {
     run_groups(Stage::solve_contacts,
@@ -79,14 +91,15 @@ void run_level_pass(Run& run, LevelWorld& world, std::uint32_t pass, const ToNex
     run_groups(Stage::gather_contacts, GatherContacts<LevelNeighbors, ToNextPass>{
                                            step, world.grid(), world.neighbors(), output, world.velocity_change,
                                            world.turn, world.pick, &world.watch->first_fault, memory});
-    run.for_each(Stage::apply_contacts, world.count,
-                 ApplyContacts<ToNextPass>{step, world.grid(), output, world.velocity_change, world.turn, world.pick,
-                                           world.watch, memory.cleared});
+    run.for_each(
+        Stage::apply_contacts, world.count,
+        LevelPass<ApplyContacts<ToNextPass>, is_rough, has_walls>{
+            {step, world.grid(), output, world.velocity_change, world.turn, world.pick, world.watch, memory.cleared}});
   }
   world.swap_state();
 }
 
-template <class Run>
+template <bool is_rough, bool has_walls, class Run>
 void simulate_frames_by_levels(Run& run, LevelWorld& world, std::uint32_t frames) {
   world.frame.substep.frame = ~std::uint32_t(0);
   ToNextPass first = world.to_next_pass(true, false);
@@ -98,8 +111,8 @@ void simulate_frames_by_levels(Run& run, LevelWorld& world, std::uint32_t frames
     for (std::uint32_t pass = 0; pass < passes; ++pass) {
       const bool ends_frame = pass + 1 == passes;
       sort_by_levels(run, world);
-      run_level_pass(run, world, frame * passes + pass,
-                     world.to_next_pass(ends_frame, ends_frame && frame + 1 == frames));
+      run_level_pass<is_rough, has_walls>(run, world, frame * passes + pass,
+                                          world.to_next_pass(ends_frame, ends_frame && frame + 1 == frames));
     }
   }
   run.for_each(Stage::store, world.count,

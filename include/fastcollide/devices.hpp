@@ -31,7 +31,9 @@ struct Limits {
   // itself; where spheres are crowded, lists of neighbours get longer. With Method::cells.
   std::int64_t bytes_per_sphere, bytes_by_cells;
   std::int64_t bytes_for_spin;  // likewise, more, where there is friction or spin
-  std::int64_t bytes_per_cell;  // likewise; a grid has at most 4 cells a sphere, or 2^18 if that is more
+  // Likewise; a grid has at most 4 cells a sphere, or 2^18 if that is more; those of a world whose sizes are far apart
+  // 32 together.
+  std::int64_t bytes_per_cell;
   std::int64_t reach_in_radii;  // coordinates up to this many smallest radii from 0 are always allowed
 };
 

@@ -56,7 +56,8 @@ class Limits:
             2¹⁷ spheres in flight; where they are crowded, lists of neighbours get longer.
         bytes_by_cells: the same with `method="cells"`.
         bytes_for_spin: more for each sphere of a world with friction or spin.
-        bytes_per_cell: a grid has at most 4 cells a sphere, or 2¹⁸ if that is more.
+        bytes_per_cell: a grid has at most 4 cells a sphere, or 2¹⁸ if that is more; those of a world whose sizes are far
+            apart 32 together.
         reach_in_radii: coordinates up to this many smallest radii from 0 are always allowed, those from twice that
             never: float32 could not place such a sphere to 1/64 of its radius.
     """

@@ -50,8 +50,8 @@ concept Backend = requires(B backend, typename B::template Buffer<std::uint32_t>
   // for_each(n, f): f(i) for each i in [0, n), in any order and at the same time. f is a struct with a const
   // FC_HOST_DEVICE operator()(std::int64_t) and is copied to the device: plain pointers and numbers only.
   backend.for_each(n, ConceptProbe{});
-  // A contact pass over the slots first ... first + count - 1, each worth 1, 8, 32, 128 or 512 lanes.
-  backend.for_each_shared(n, n, bits, ConceptProbePass{});
+  // A contact pass over groups of slots.
+  backend.for_each_of_groups(SlotGroups{}, ConceptProbePass{});
   // Sum (or another associative, commutative operation that is exact) of f(i) over [0, n).
   { backend.transform_reduce(n, ConceptProbeValue{}, std::int64_t(0), Sum{}) } -> std::same_as<std::int64_t>;
   // Replaces each of the n counts by the sum of those before it, and counts[n], one past the last, by the total.

@@ -80,12 +80,18 @@ class CpuBackend {
 
   // One sphere that is worth many lanes is a slab of its own.
   template <class Pass>
-  void for_each_shared(std::int64_t first, std::int64_t count, int lanes, const Pass& pass) {
-    if (lanes == 1) return for_each(count, [&](std::int64_t i) { pass(first + i); });
-    const std::int64_t slabs = std::min<std::int64_t>(count, 4096);
-    run_slabs(threads_, static_cast<int>(slabs), [&](int slab) {
-      for (std::int64_t i = count * slab / slabs; i < count * (slab + 1) / slabs; ++i) pass(first + i);
-    });
+  void for_each_of_groups(const SlotGroups& groups, const Pass& pass) {
+    for (int k = 0; k < groups.count; ++k) {
+      const auto [first, count, lanes] = groups.groups[k];
+      if (lanes == 1) {
+        for_each(count, [&pass, begin = first](std::int64_t i) { pass(begin + i); });
+        continue;
+      }
+      const std::int64_t slabs = std::min<std::int64_t>(count, 4096);
+      run_slabs(threads_, static_cast<int>(slabs), [&, begin = first, all = count](int slab) {
+        for (std::int64_t i = all * slab / slabs; i < all * (slab + 1) / slabs; ++i) pass(begin + i);
+      });
+    }
   }
 
   template <class F, class T, class Operation>

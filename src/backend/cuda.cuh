@@ -62,7 +62,7 @@ inline std::shared_ptr<void> allocate_on_device(int device, std::size_t bytes) {
 
 // The bound lets any stage be launched at any size of block that a world may ask for.
 template <class F>
-__global__ void __launch_bounds__(512) run_for_each(std::int64_t n, F f) {
+__global__ void __launch_bounds__(512) run_for_each(std::int64_t n, const __grid_constant__ F f) {
   const std::int64_t i = std::int64_t(blockIdx.x) * blockDim.x + threadIdx.x;
   if (i < n) f(i);
 }
@@ -135,23 +135,16 @@ class CudaBackend {
   }
 
   template <class Pass>
-  void for_each_shared(std::int64_t first, std::int64_t count, int lanes, const Pass& pass) {
-    if (count == 0) return;
-    const OnDevice on(device_);
-    const int threads = lanes > 128 ? lanes : 128;
-    const auto blocks = static_cast<unsigned>((count * lanes + threads - 1) / threads);
-    const auto start = [&](auto kernel) { kernel<<<blocks, threads, 0, stream_.get()>>>(first, count, pass); };
-    if (lanes == 512) {
-      start(run_for_each_shared<512, Pass>);
-    } else if (lanes == 128) {
-      start(run_for_each_shared<128, Pass>);
-    } else if (lanes == 32) {
-      start(run_for_each_shared<32, Pass>);
-    } else if (lanes == 8) {
-      start(run_for_each_shared<8, Pass>);
-    } else {
-      start(run_for_each_shared<1, Pass>);
+  void for_each_of_groups(const SlotGroups& groups, const Pass& pass) {
+    std::int64_t blocks = 0, sharing = 0;  // of all; as far as some of them share a sphere
+    for (int k = 0; k < groups.count; ++k) {
+      blocks += blocks_of(groups.groups[k]);
+      if (groups.groups[k].lanes > group_run_threads) sharing = blocks;
     }
+    if (blocks == 0) return;
+    const OnDevice on(device_);
+    const SumsOfBlocks sums = sums_of_blocks(sharing, sizeof(typename Pass::Sum));
+    run_groups<<<static_cast<unsigned>(blocks), group_run_threads, 0, stream_.get()>>>(groups, sums, pass);
     check(cudaGetLastError(), "kernel launch");
   }
 
@@ -277,6 +270,20 @@ class CudaBackend {
     check(status, "cudaStreamWaitEvent");
   }
 
+  SumsOfBlocks sums_of_blocks(std::int64_t blocks, std::size_t bytes_each) {
+    const std::size_t bytes = static_cast<std::size_t>(blocks) * bytes_each;
+    if (blocks > arrived_size_ || bytes > block_sums_bytes_) {
+      synchronize();
+      arrived_size_ = 0;  // nothing is there should memory run out on the way
+      arrived_ = allocate_on_device(device_, static_cast<std::size_t>(blocks) * sizeof(std::uint32_t));
+      block_sums_ = allocate_on_device(device_, bytes);
+      fill_zero(static_cast<std::uint32_t*>(arrived_.get()), blocks);
+      arrived_size_ = blocks;
+      block_sums_bytes_ = bytes;
+    }
+    return {static_cast<unsigned char*>(block_sums_.get()), static_cast<std::uint32_t*>(arrived_.get())};
+  }
+
   template <class T>
   void copy(T* to, const T* from, std::int64_t n, cudaMemcpyKind kind) {
     if (n == 0) return;
@@ -305,6 +312,9 @@ class CudaBackend {
   std::shared_ptr<void> host_words_;    // for what the host asks of the device
   std::shared_ptr<void> block_totals_;  // of a program on the whole grid
   std::shared_ptr<void> ticks_;
+  std::shared_ptr<void> block_sums_, arrived_;  // of blocks that share a sphere
+  std::int64_t arrived_size_ = 0;
+  std::size_t block_sums_bytes_ = 0;
   std::shared_ptr<void> scratch_;
   std::size_t scratch_bytes_ = 0;
 };

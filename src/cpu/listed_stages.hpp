@@ -32,7 +32,7 @@ class ListedStages<CpuBackend> {
     if (is_crowded || meets_twice(input)) return run.for_each(Stage::make_lists, count, record_lists_of(world));
     run.for_each(Stage::make_lists, count, Begin{world, numbers_.data(), slots_.data(), stride_});
     const Parts parts(count);
-    run.for_each_of_group(Stage::make_lists, parts, Search{input, search_slots_, world, parts});
+    run.for_each_of_groups(Stage::make_lists, parts.as_groups(), Search{input, search_slots_, world, parts});
     run.for_each(Stage::make_lists, count, End{world.lists});
   }
 
@@ -45,7 +45,8 @@ class ListedStages<CpuBackend> {
     if (!functions_) return run.for_each(stage, count, pass);
     const Parts parts(count);
     const GatherBlocks<ToSlots> gather{pass, *functions_};
-    run.for_each_of_group(stage, parts, [&](std::int64_t part) { gather(parts.begin(part), parts.begin(part + 1)); });
+    run.for_each_of_groups(stage, parts.as_groups(),
+                           [&](std::int64_t part) { gather(parts.begin(part), parts.begin(part + 1)); });
   }
 
  private:
@@ -100,8 +101,8 @@ class ListedStages<CpuBackend> {
     explicit Parts(std::int64_t slots) : count(std::clamp<std::int64_t>(slots / 256, 1, 64)), slots(slots) {}
     std::int64_t begin(std::int64_t part) const { return slots * part / count; }
 
-    static constexpr std::int64_t first = 0;
-    static constexpr int lanes = 8;
+    SlotGroups as_groups() const { return {{{0, count, 8}}, 1}; }
+
     std::int64_t count, slots;
   };
 

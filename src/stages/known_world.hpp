@@ -27,4 +27,15 @@ FC_HOST_DEVICE Pass in_known_world(Pass pass) {
   return pass;
 }
 
+// Calls call.operator()<is_rough, has_walls>() as the world has them.
+template <class Call>
+void call_for_world(bool is_rough, const Box& box, const Call& call) {
+  const bool has_walls = box.x == Boundary::wall && box.y == Boundary::wall && box.z == Boundary::wall;
+  if (is_rough) {
+    has_walls ? call.template operator()<true, true>() : call.template operator()<true, false>();
+  } else {
+    has_walls ? call.template operator()<false, true>() : call.template operator()<false, false>();
+  }
+}
+
 }  // namespace fastcollide

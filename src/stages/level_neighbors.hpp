@@ -67,42 +67,52 @@ class BallSearch {
 };
 
 struct LevelNeighbors {
-  CellLevels levels;
+  const CellLevels* levels;
   const std::uint32_t *cell_start, *cell_end;
 
-  // Near ones are kept until there are many, or no more: finding them takes each lane of a GPU another way, visiting
-  // them does not.
+  // Near ones are kept until there are many, or no more: to find them takes each lane of a GPU another way, to visit
+  // them does not. On the way to them the lanes of a warp go in step, too: each step is a new row for those that need
+  // one, and then some candidates of each lane.
   template <class Visit>
   FC_HOST_DEVICE void visit(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane, Visit& visit) const {
-    constexpr int most = 24;
-    std::uint32_t near[most];
+#if defined(__CUDA_ARCH__)
+    constexpr std::uint32_t at_once = 4;  // candidates that a lane waits for together
+#else
+    constexpr std::uint32_t at_once = 1;
+#endif
+    constexpr std::uint32_t most = 96;
+    std::uint32_t near[most], found = 0;
+    const auto self = static_cast<std::uint32_t>(slot);
     const float radius = grid.position_radius[slot].w;
-    BallSearch search;
-    float range = 0.0f;
-    std::uint32_t other = 0, end = 0;
-    int k = -1;
-    bool is_level_done = true;
-    for (bool is_done = false; !is_done;) {
-      int found = 0;
-      while (found < most) {
-        if (other < end) {
-          const Vec4 there = grid.position_radius[other];
-          const Vec3 offset = separation(position, {there.x, there.y, there.z}, grid.period);
-          const float reach = (range + there.w) * 1.00001f;
-          if (dot(offset, offset) <= reach * reach && other != slot) near[found++] = other;
-          ++other;
-        } else if (is_level_done) {
-          is_done = ++k == levels.count;
-          if (is_done) break;
-          const CellLevel& level = levels.levels[k];
-          range = radius + margin_of_pair(radius, level.largest_radius, levels.margin);
-          search.start(level, position, range + level.largest_radius, lane);
-          is_level_done = false;
-        } else {
-          is_level_done = !search.next_run(levels.levels[k], cell_start, cell_end, position, lane, other, end);
+    const LanesTogether together;
+    const int count = levels->count;
+    for (int k = 0; k < count; ++k) {
+      const CellLevel& level = levels->levels[k];
+      const float range = radius + margin_of_pair(radius, level.largest_radius, levels->margin);
+      BallSearch search;
+      search.start(level, position, range + level.largest_radius, lane);
+      std::uint32_t other = 0, end = 0;
+      for (bool goes_on = true; goes_on;) {
+        bool has_more = true;
+        if (other == end) has_more = search.next_run(level, cell_start, cell_end, position, lane, other, end);
+        Vec4 there[at_once];
+        FC_UNROLL
+        for (std::uint32_t i = 0; i < at_once; ++i) there[i] = grid.position_radius[other + i < end ? other + i : self];
+        FC_UNROLL
+        for (std::uint32_t i = 0; i < at_once; ++i) {
+          const Vec3 offset = separation(position, {there[i].x, there[i].y, there[i].z}, grid.period);
+          const float reach = (range + there[i].w) * 1.00001f;
+          const bool is_near = dot(offset, offset) <= reach * reach;
+          if (is_near & (other + i < end) & (other + i != self)) near[found++] = other + i;
+        }
+        other = end - other < at_once ? end : other + at_once;
+        goes_on = together.any(has_more);
+        const bool is_last = !goes_on && k + 1 == count;
+        if (together.any(found + at_once > most) || is_last) {
+          for (std::uint32_t i = 0; i < found; ++i) visit(near[i]);
+          found = 0;
         }
       }
-      for (int i = 0; i < found; ++i) visit(near[i]);
     }
   }
 };
@@ -132,19 +142,22 @@ FC_HOST_DEVICE inline void visit_adjacent_cells(const GridShape& shape, const st
 
 // Of a new grid for every pass: one level, or several where sizes differ much.
 struct CellNeighbors {
-  LevelNeighbors cells;
+  CellLevels levels;
+  const std::uint32_t *cell_start, *cell_end;
 
   template <class Visit>
   FC_HOST_DEVICE void visit(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane, Visit& visit) const {
-    if (cells.levels.count > 1) return cells.visit(grid, slot, position, lane, visit);
-    visit_adjacent_cells(cells.levels.levels[0].shape, cells.cell_start, cells.cell_end, slot, position, visit);
+    if (levels.count > 1) {
+      return LevelNeighbors{&levels, cell_start, cell_end}.visit(grid, slot, position, lane, visit);
+    }
+    visit_adjacent_cells(levels.levels[0].shape, cell_start, cell_end, slot, position, visit);
   }
 };
 
 template <Backend B>
 CellNeighbors neighbors_in(const Grid<B>& grid) {
   const std::uint32_t* start = grid.cell_start.data();
-  return {{grid.levels, start, grid.levels.count > 1 ? start + 1 : grid.cell_end.data()}};
+  return {grid.levels, start, grid.levels.count > 1 ? start + 1 : grid.cell_end.data()};
 }
 
 }  // namespace fastcollide

@@ -10,12 +10,12 @@ namespace fastcollide {
 
 // Where spheres are counted into cells before they are sorted.
 struct LevelCounter {
-  CellLevels levels;
+  const CellLevels* levels;
   std::uint32_t *cells, *ranks;  // of each slot; its place among those of its cell
   std::uint32_t* cell_counts;
 
   FC_HOST_DEVICE void count(std::int64_t slot, Vec3 position, float radius) const {
-    const std::uint32_t cell = cell_of_sphere(position, radius, levels);
+    const std::uint32_t cell = cell_of_sphere(position, radius, *levels);
     cells[slot] = cell;
     ranks[slot] = atomic_add(cell_counts + cell, 1);
   }
@@ -29,6 +29,7 @@ struct ToNextPass {
   AdvanceSphere advance;
   bool must_advance, must_count;
 
+  FC_HOST_DEVICE void assume_walls() { fastcollide::assume_walls(advance.box); }
   FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
     if (must_advance) advance(sphere.id, sphere.radius, sphere.mass, sphere.restitution, position, velocity);
     to.position_radius[slot] = {position.x, position.y, position.z, sphere.radius};

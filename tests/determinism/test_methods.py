@@ -222,9 +222,9 @@ def test_a_pile_that_is_shaken(device, solver, is_rough, write):
 
 
 def test_the_way_that_a_world_takes_by_itself(device, solver):
-    """Fast spheres in little room that slow down: a GPU goes over to lists that are mended, and back."""
-    bounds = ((0, 0, 0), (8, 8, 8))
-    spheres = fc.random_spheres(1200, bounds, seed=1, speed=(40, 40, 40))
+    """Fast spheres in little room that slow down: a GPU searches in each pass for a spell, and goes back to lists."""
+    bounds = ((0, 0, 0), (10, 10, 10))
+    spheres = fc.random_spheres(2400, bounds, seed=1, speed=(40, 40, 40))
     worlds = [fc.World(bounds, device=device, solver=solver, method=method) for method in ("cells", "auto")]
     for world in worlds:
         world.add(spheres)
