@@ -458,14 +458,14 @@ class EngineOn final : public Engine {
         plan_levels();
         return *watch;
       }
-      if (options_.method == Method::automatic) return run_by_levels(frames, parameters);
     }
-    if (options_.method != Method::cells) {
+    if (mends_lists()) {
       const std::optional<Watch> watch =
           listed_.run(parameters, frames, are_lists_behind_, largest_radius_, body_arrays(), count(), memory_, timer);
       are_lists_behind_ = false;
       if (watch) return *watch;
     }
+    if (options_.method == Method::automatic) return run_by_levels(frames, parameters);
     are_lists_behind_ = true;
     keep_state();
     Watch watch;
@@ -498,6 +498,10 @@ class EngineOn final : public Engine {
 
   bool makes_lists_for_each_frame() const {
     return options_.method == Method::frame || (options_.method == Method::automatic && B::has_whole_grid);
+  }
+
+  bool mends_lists() const {
+    return options_.method != Method::cells && !(options_.method == Method::automatic && B::has_whole_grid);
   }
 
   Watch run_by_levels(std::int64_t frames, const FrameParameters& parameters) {

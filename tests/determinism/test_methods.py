@@ -312,8 +312,8 @@ def test_levels_of_sizes(device, solver, ratio, boundary):
 
 
 def test_more_neighbors_than_lists_can_hold(device, solver):
-    """Then every pass has a grid of its own again, and nothing is lost."""
-    worlds = [fc.World(device=device, solver=solver, method=method) for method in METHODS]
+    """Then every pass has a grid of its own again, or one of levels, and nothing is lost."""
+    worlds = [fc.World(device=device, solver=solver, method=method) for method in (*METHODS, "auto")]
     centre = np.broadcast_to(np.float32((0, 0, 5)), (5000, 3))
     for world in worlds:
         world.add(position=centre, radius=0.125, mass=np.inf)
