@@ -142,6 +142,12 @@ def share_of_lists(row: dict) -> float:
     return (stages["make_lists_ms"] + stages.get("build_grid_ms", 0.0)) / sum(stages.values())
 
 
+def milliseconds(ms: float | None) -> str:
+    if ms is None:
+        return "–"
+    return f"{ms:,.0f}" if ms >= 1000 else f"{ms:.3g}"
+
+
 def tables_of_sizes(results: Path = RESULTS) -> str:
     """For each machine: a row for each ratio of sizes, a column for each number of spheres and way."""
     parts = []
@@ -153,8 +159,8 @@ def tables_of_sizes(results: Path = RESULTS) -> str:
         head = ["sizes", *(f"{int(spheres):,} by {method}" for spheres, method in columns)]
         lines = [f"| {' | '.join(head)} |", "| " + " | ".join(["---"] * len(head)) + " |"]
         for ratio in dict.fromkeys(row["ratio"] for row in rows):
-            figures = (found.get((ratio, *column)) for column in columns)
-            lines.append(f"| 1:{float(ratio):g} | {' | '.join('–' if ms is None else f'{ms:.3g}' for ms in figures)} |")
+            figures = (milliseconds(found.get((ratio, *column))) for column in columns)
+            lines.append(f"| 1:{float(ratio):g} | {' | '.join(figures)} |")
         parts.append(
             f"\n{rows[0]['device_name']} (`benchmarks/results/{path.parent.name}`):\n\n" + "\n".join(lines) + "\n"
         )

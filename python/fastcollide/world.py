@@ -103,7 +103,7 @@ class World:
             (lists that are mended and hold for many passes), "frame" (lists for a frame or a few), "levels" (for
             each size of spheres a grid of its own, new for every pass), "small" (lists over all pairs: for smooth
             spheres, at most 4,096 on a CPU, about 2,000 on a GPU of compute capability 9.0 or above) or "auto": "small"
-            on such a GPU for up to 1,280 spheres, "levels" where sizes differ more than about 10 times (6 on a GPU),
+            on such a GPU for up to 1,280 spheres, "levels" where sizes differ more than about 18 times (6 on a GPU),
             else "frame" on a GPU and "list" on a CPU.
         block_size: of CUDA launches of method "cells", a multiple of 32 up to 512.
 
