@@ -24,6 +24,7 @@ class LevelRuns {
  private:
   // Large spheres look at many rows of cells, most of them in finer levels.
   static SlotGroups group_levels(const CellLevels& levels, const RadiusSurvey& radii, std::int64_t count) {
+    static_assert(SlotGroups::most >= most_levels);
     SlotGroups groups{};
     std::int64_t first = 0;
     for (int k = 0; k < levels.count; ++k) {
