@@ -454,10 +454,8 @@ class EngineOn final : public Engine {
       const std::optional<Watch> watch =
           frame_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), memory_, timer);
       are_lists_behind_ = true;
-      if (watch) {
-        plan_levels();
-        return *watch;
-      }
+      plan_levels();
+      if (watch) return *watch;
     }
     if (mends_lists()) {
       const std::optional<Watch> watch =

@@ -98,6 +98,8 @@ namespace {
 // Narrow along the row, so that a search looks at little else, and wide across, so that it begins few rows. In the
 // largest radius of the level.
 constexpr double narrow_edge = 1.5, wide_edge = 2.25;
+// For each sphere of a level. With 4, heaps had many far cells with the same number; see docs/performance.md.
+constexpr double most_level_cells = 32.0;
 
 // Sum of r³, with the sizes in the middle of the octaves.
 double cubes_of(const RadiusSurvey& radii) {
@@ -174,8 +176,8 @@ CellLevels choose_levels(const Box& box, const RadiusSurvey& radii, std::int64_t
     CellLevel& level = levels.levels[k];
     // Octaves end at powers of two; the first one has the largest sphere.
     level.largest_radius = begin == 0 ? radii.largest : std::ldexp(1.0f, levels.largest_exponent - 127 - begin + 1);
-    level.shape =
-        choose_level_shape(box, level.largest_radius, std::clamp(32.0 * static_cast<double>(members), 4096.0, 0x1p27));
+    level.shape = choose_level_shape(box, level.largest_radius,
+                                     std::clamp(most_level_cells * static_cast<double>(members), 4096.0, 0x1p27));
     level.first_cell = levels.cells;
     levels.cells += static_cast<std::uint32_t>(level.shape.x.cells * level.shape.y.cells * level.shape.z.cells);
   }

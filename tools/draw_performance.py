@@ -106,7 +106,7 @@ def table(machine: str, rows: list) -> str:
 def time_and_ratio(row: dict | None) -> str:
     if row is None:
         return "–"
-    ms = f"{float(row['ms']):.3g}"
+    ms = milliseconds(float(row["ms"]))
     is_yardstick = (row["solver"], row["method"]) == ("reference", "cells")
     return ms if is_yardstick or not row["times_yardstick"] else f"{ms} ({float(row['times_yardstick']):.2g}×)"
 
@@ -115,7 +115,7 @@ def one_by_one(rows: list, spheres: str) -> str:
     """Milliseconds of a frame of the default solver that is a call of its own, as a world does it by itself."""
     for row in rows:
         if (row["spheres"], row["solver"], row["method"]) == (spheres, "substep", "auto") and row.get("ms_one_by_one"):
-            return f"{float(row['ms_one_by_one']):.3g}"
+            return milliseconds(float(row["ms_one_by_one"]))
     return "–"
 
 

@@ -1,4 +1,4 @@
-// Lanes of a warp that share one sphere add up what each has gathered.
+// Lanes that share one sphere, of a warp or of blocks, add up what each has gathered.
 #pragma once
 
 #include <cstdint>
