@@ -58,7 +58,7 @@ class ContactMemory {
     }
   }
 
-  // In the order of owner and partner, whatever order the entries have here.
+  // In the order of owner and partner, whatever order the entries have here; those that hold nothing are left out.
   void save(ContactState& state) {
     state = {};
     if (!is_kept()) return;
@@ -77,7 +77,10 @@ class ContactMemory {
     std::vector<std::pair<std::uint32_t, const MemoryWord*>> row;
     for (std::size_t owner = 0; owner < rows.size(); ++owner) {
       row.clear();
-      const auto add = [&](const MemoryWord* entry) { row.emplace_back(entry->partner, entry); };
+      const auto add = [&](const MemoryWord* entry) {
+        const ContactStretch stretch{entry[0].vector, width_ > 1 ? entry[1].vector : Vec3{0, 0, 0}};
+        if (!stretch.is_none()) row.emplace_back(entry->partner, entry);
+      };
       for (std::uint32_t i = 0; i < std::min(rows[owner].count, places_in_row); ++i) {
         add(&entries[(owner * places_in_row + i) * width_]);
       }

@@ -24,7 +24,7 @@ struct FrameWorld {
   std::uint32_t frames_of_lists;  // in which they are kept
   std::int64_t count;
   bool is_new;    // slots that hold nothing yet
-  bool is_dense;  // rough, and most spheres touch others: how a stage is started may depend on it
+  bool shares_pairs;  // rough, and lanes may share the pairs of other spheres than their own
   BodyArrays bodies;
   SlotState state, other_state;
   SlotConstants constants, other_constants;

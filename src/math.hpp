@@ -204,6 +204,7 @@ struct FixedPoint {
 };
 
 #if defined(FASTCOLLIDE_FREE_ORDER)
+inline constexpr bool sums_are_integers = false;
 // Only to measure what exact sums cost: the order of the terms decides the last bits.
 struct ExactSum3 {
   float x = 0, y = 0, z = 0;
@@ -216,6 +217,7 @@ FC_HOST_DEVICE inline bool add_exactly(ExactSum3& sum, Vec3 term, FixedPoint) {
 }
 FC_HOST_DEVICE inline Vec3 value_of(ExactSum3 sum, FixedPoint) { return {sum.x, sum.y, sum.z}; }
 #else
+inline constexpr bool sums_are_integers = true;
 struct ExactSum3 {
   std::int64_t x = 0, y = 0, z = 0;
 };

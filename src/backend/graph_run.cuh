@@ -14,6 +14,7 @@
 #include "../stage_timer.hpp"
 #include "cuda.cuh"
 #include "lanes.cuh"
+#include "shared_pairs.cuh"
 
 namespace fastcollide {
 
@@ -91,67 +92,10 @@ __device__ void run_by_warp(const Pass& pass, std::int64_t slot, SharedByWarps& 
   if (lane.index == 0) sharing.finish(self, slot, sum);
 }
 
-// The pairs that the lanes of a warp have found, and what was found of the next 32 of them.
-template <class Sum, std::uint32_t places>
-struct PairsOfWarp {
-  static constexpr int words = sizeof(Sum) / sizeof(std::uint32_t);
-
-  std::uint32_t near[places][32];  // of each lane
-  std::uint32_t ends[32], slots[32];
-  std::uint32_t sums[words][32];  // word by word, so that lanes do not wait for each other
-
-  __device__ void put(std::uint32_t lane, const Sum& sum) {
-    std::uint32_t word[words];
-    std::memcpy(word, &sum, sizeof sum);
-#pragma unroll
-    for (int i = 0; i < words; ++i) sums[i][lane] = word[i];
-  }
-  __device__ Sum get(std::uint32_t lane) const {
-    std::uint32_t word[words];
-#pragma unroll
-    for (int i = 0; i < words; ++i) word[i] = sums[i][lane];
-    Sum sum;
-    std::memcpy(&sum, word, sizeof sum);
-    return sum;
-  }
-};
-
-// Adds to the sum of each lane those of its pairs. A lane works on one pair at a time, whoever of the warp has it: some
-// spheres have many, most have few.
-template <class Pass, class Pairs>
-__device__ void add_pairs(const Pass& pass, Pairs& shared, std::uint32_t slot, std::uint32_t own,
-                          typename Pass::Sum& sum) {
-  const std::uint32_t lane = threadIdx.x % 32;
-  std::uint32_t end = own;
-#pragma unroll
-  for (std::uint32_t distance = 1; distance < 32; distance *= 2) {
-    const std::uint32_t before = __shfl_up_sync(0xFFFFFFFFu, end, distance);
-    if (lane >= distance) end += before;
-  }
-  const std::uint32_t begin = end - own, all = __shfl_sync(0xFFFFFFFFu, end, 31);
-  shared.ends[lane] = end;
-  shared.slots[lane] = slot;
-  __syncwarp();
-  for (std::uint32_t base = 0; base < all; base += 32) {
-    if (const std::uint32_t pair = base + lane; pair < all) {
-      std::uint32_t owner = 0;  // the first lane whose pairs end behind this one
-#pragma unroll
-      for (std::uint32_t step = 16; step > 0; step /= 2) {
-        if (shared.ends[owner + step - 1] <= pair) owner += step;
-      }
-      const std::uint32_t first = owner == 0 ? 0 : shared.ends[owner - 1];
-      shared.put(lane, pass.now().gather_from(shared.near[pair - first][owner], shared.slots[owner]));
-    }
-    __syncwarp();
-    for (std::uint32_t k = max(begin, base); k < min(end, base + 32); ++k) sum.combine(shared.get(k - base));
-    __syncwarp();
-  }
-}
-
 // `lanes` threads of a warp share one sphere. 72 registers, or 80 where few spheres leave room on the device: more
 // threads wait for memory at the same time. A rough pass gets 128, as it would keep too much in memory with fewer.
-// The first blocks help strays. Where pairs are shared, all lanes of a warp first find theirs.
-template <int lanes, bool shares_pairs, class Pass>
+// The first blocks help strays.
+template <int lanes, bool shares, class Pass>
 __global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 4
                                                      : lanes == 8       ? 6
                                                                         : 7)
@@ -174,30 +118,16 @@ __global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 4
   const auto self = here.load(is_in_range ? slot : 0);
   const bool is_mine = is_in_range && !(gets_help && pass.is_helped(slot));
   typename Pass::Sum sum;
-  if constexpr (shares_pairs) {
-    constexpr std::uint32_t places = 24;  // with 16, 1,000,000 that lie took 5 % longer, with 32 as long
-    __shared__ PairsOfWarp<typename Pass::Sum, places> pairs[graph_run_warps];
-    auto& shared = pairs[threadIdx.x / 32];
-    sum = is_mine && lane.index == 0 ? here.gather_from_walls(self, slot) : here.nothing_yet();
-    bool has_more = is_mine && !is_fixed(self.mass);
-    for (std::uint32_t round = 0; __any_sync(0xFFFFFFFFu, has_more); ++round) {
-      std::uint32_t found = 0;
-      auto keep = [&](std::uint32_t other) {
-        if (found / places == round) shared.near[found % places][threadIdx.x % 32] = other;
-        ++found;
-      };
-      if (has_more) here.neighbors.visit(here.grid, slot, self.position, lane, keep);
-      const std::uint32_t before = round * places;
-      add_pairs(pass, shared, static_cast<std::uint32_t>(slot), found > before ? min(found - before, places) : 0, sum);
-      has_more = found > before + places;
-    }
+  if constexpr (shares) {
+    __shared__ PairsOfWarp<typename Pass::Sum, places_for_pairs> pairs[graph_run_warps];
+    sum = gather_by_pairs<lanes>(pass, here, pairs[threadIdx.x / 32], self, slot, is_mine);
   } else {
     if (is_mine) sum = here.gather(self, slot, lane);
-  }
-  if constexpr (lanes > 1) {
-    if (__any_sync(0xFFFFFFFFu, !sum.is_empty())) {
+    if constexpr (lanes > 1) {
+      if (__any_sync(0xFFFFFFFFu, !sum.is_empty())) {
 #pragma unroll
-      for (int distance = lanes / 2; distance > 0; distance /= 2) sum.combine(of_lane(sum, distance));
+        for (int distance = lanes / 2; distance > 0; distance /= 2) sum.combine(of_lane(sum, distance));
+      }
     }
   }
   if (is_mine && lane.index == 0) here.finish(self, slot, sum);
@@ -242,16 +172,15 @@ __global__ void __launch_bounds__(graph_run_threads)
 template <class Pass>
 __global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 4 : 5)
     run_pass_with_records(std::int64_t n, const std::uint32_t* counts, const __grid_constant__ Pass pass) {
-  constexpr bool shares_pairs = Pass::has_friction;
   using Pairs = PairsOfWarp<typename Pass::Sum, Pass::places>;
   __shared__ union {
     SharedByWarps found;
-    std::conditional_t<shares_pairs, Pairs, std::uint32_t> pairs[graph_run_warps];
+    std::conditional_t<can_share_pairs<Pass>, Pairs, std::uint32_t> pairs[graph_run_warps];
   } shared;
   wait_for_stage_before();
   const std::uint32_t thread = blockIdx.x * blockDim.x + threadIdx.x, threads = gridDim.x * blockDim.x;
   const std::uint32_t known = counts[0], unknown = counts[1], warp = thread / 32, warps = threads / 32;
-  if constexpr (shares_pairs) {
+  if constexpr (can_share_pairs<Pass>) {
     auto& pairs = shared.pairs[threadIdx.x / 32];
     const std::uint32_t lane = threadIdx.x % 32;
     for (std::uint32_t first = warp * 32; first < known; first += warps * 32) {
@@ -261,9 +190,12 @@ __global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 4 : 5)
       for (std::uint32_t k = 0; k < own; ++k) pairs.near[k][lane] = record.near[k];
       const auto here = pass.at(record.slot);
       const auto self = here.load(record.slot);
-      auto sum = is_mine ? here.gather_from_walls(self, record.slot) : here.nothing_yet();
-      add_pairs(pass, pairs, record.slot, own, sum);
-      if (is_mine) here.finish(self, record.slot, sum);
+      auto sum = here.nothing_yet();
+      add_pairs<1>(pass, pairs, record.slot, own, sum);
+      if (is_mine) {
+        here.add_walls(self, record.slot, sum);
+        here.finish(self, record.slot, sum);
+      }
     }
     __syncthreads();
   } else {
@@ -357,12 +289,12 @@ class FrameGraphs {
 
 class GraphRun {
  public:
-  GraphRun(CudaBackend& backend, StageTimer& timer, FrameGraphs& graphs, std::uint32_t lanes, bool is_dense)
+  GraphRun(CudaBackend& backend, StageTimer& timer, FrameGraphs& graphs, std::uint32_t lanes, bool shares_pairs)
       : backend_(backend),
         timer_(timer),
         graphs_(graphs),
         lanes_(lanes),
-        is_dense_(is_dense),
+        shares_pairs_(shares_pairs),
         on_(backend.cuda_device()) {
     int major = 0;
     check(cudaDeviceGetAttribute(&major, cudaDevAttrComputeCapabilityMajor, backend.cuda_device()), "capability");
@@ -382,14 +314,14 @@ class GraphRun {
     timer_.time(backend_, stage, [&] {
       switch (lanes_) {
         case 8:
-          return start_pass<8, false>(count, pass);
+          return start_pass<8, can_share_pairs<Pass>>(count, pass);
         case 4:
-          if constexpr (Pass::has_friction) {
-            if (is_dense_) return start_pass<4, true>(count, pass);
+          if constexpr (can_share_pairs<Pass>) {
+            if (shares_pairs_) return start_pass<4, true>(count, pass);
           }
           return start_pass<4, false>(count, pass);
         default:
-          return start_pass<1, Pass::has_friction>(count, pass);
+          return start_pass<1, can_share_pairs<Pass>>(count, pass);
       }
     });
   }
@@ -451,11 +383,11 @@ class GraphRun {
     return static_cast<unsigned>((n + graph_run_threads - 1) / graph_run_threads);
   }
 
-  template <int lanes, bool shares_pairs, class Pass>
+  template <int lanes, bool shares, class Pass>
   void start_pass(std::int64_t count, const Pass& pass) {
     const unsigned helping = (pass.helped_places() + graph_run_warps - 1) / graph_run_warps;
-    launch(run_shared_pass<lanes, shares_pairs, Pass>, helping + blocks(count * lanes), graph_run_threads, count,
-           helping, pass);
+    launch(run_shared_pass<lanes, shares, Pass>, helping + blocks(count * lanes), graph_run_threads, count, helping,
+           pass);
   }
 
   template <class... Parameters, class... Arguments>
@@ -495,7 +427,7 @@ class GraphRun {
   StageTimer& timer_;
   FrameGraphs& graphs_;
   std::uint32_t lanes_;
-  bool is_dense_;
+  bool shares_pairs_;
   OnDevice on_;
   bool can_launch_early_ = false;
 };
@@ -503,8 +435,8 @@ class GraphRun {
 template <>
 struct FrameRunner<CudaBackend> {
   FrameGraphs graphs;
-  GraphRun run(CudaBackend& backend, StageTimer& timer, std::uint32_t lanes, bool is_dense) {
-    return {backend, timer, graphs, lanes, is_dense};
+  GraphRun run(CudaBackend& backend, StageTimer& timer, std::uint32_t lanes, bool shares_pairs) {
+    return {backend, timer, graphs, lanes, shares_pairs};
   }
 };
 

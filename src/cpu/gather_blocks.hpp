@@ -69,19 +69,16 @@ struct GatherBlocks {
     const GridView& grid = pass.grid;
     typename Pass::Sum sum = pass.nothing_yet();
     if (!is_fixed(grid.masses[slot])) {
-      const Sphere self = falling_sphere_in_slot(grid, slot, pass.substep.flight);
-      const float own_crowding = grid.crowding[slot];
-      const Vec3 spin = spin_in_slot(grid, slot);
+      const typename Pass::Side self = pass.side_at(slot);
       const int begin = member > 0 ? members.pairs_end[member - 1] : 0;
-      for (int i = begin; i < members.pairs_end[member]; ++i) add(slot, i, self, spin, own_crowding, block, sum);
-      pass.gather_walls(slot, self, own_crowding, spin, sum);
+      for (int i = begin; i < members.pairs_end[member]; ++i) add(self, i, block, sum);
+      pass.gather_walls(self, sum);
     }
     pass.finish(slot, sum);
   }
 
   // As GatherContacts::add_pair(); what does not count is 0.
-  void add(std::int64_t slot, int i, const Sphere& self, Vec3 spin, float own_crowding, const ContactBlock& block,
-           typename Pass::Sum& sum) const {
+  void add(const typename Pass::Side& self, int i, const ContactBlock& block, typename Pass::Sum& sum) const {
     sum.contacts += block.is_counted[i];
     sum.resting += block.is_resting[i];
     sum.out_of_range += block.out_of_range[i];
@@ -89,8 +86,8 @@ struct GatherBlocks {
     fastcollide::add(sum.crowd, {block.xx[i], block.yy[i], block.zz[i], block.xy[i], block.xz[i], block.yz[i]});
     if (block.is_impact[i] != 0) pass.keep_impact(block.others[i], block.met_at[i], sum);
     if (pass.grid.spins != nullptr && block.is_resting[i] != 0) {
-      pass.rub_neighbor(slot, block.others[i], self, spin, own_crowding, block.contact(i), block.push[i],
-                        block.speed[i], block.part[i], sum);
+      pass.rub(self, pass.side_at(block.others[i]), block.contact(i), block.push[i], block.speed[i], block.part[i],
+               sum);
     }
   }
 };

@@ -55,10 +55,12 @@ struct MemoryRows {
     }
     return {{0, 0, 0}, {0, 0, 0}};
   }
-  // Several lanes may add to a row at the same time. Returns 0 or, where there is no chained place left, how many there
-  // should be; as the last quarter of them is taken, some are told how many are in use.
-  FC_HOST_DEVICE std::uint32_t add(std::uint32_t owner, std::uint32_t partner, const ContactStretch& stretch) const {
-    const std::uint32_t place = atomic_add(&rows[owner].count, 1);
+  // A place for one more entry of a row; several lanes may ask at the same time.
+  FC_HOST_DEVICE std::uint32_t take(std::uint32_t owner) const { return atomic_add(&rows[owner].count, 1); }
+  // Returns 0 or, where there is no chained place left, how many there should be; as the last quarter of them is taken,
+  // some are told how many are in use.
+  FC_HOST_DEVICE std::uint32_t put(std::uint32_t owner, std::uint32_t place, std::uint32_t partner,
+                                   const ContactStretch& stretch) const {
     std::uint32_t told = 0;
     MemoryWord* entry = entries + (std::int64_t(owner) * places_in_row + place) * width;
     if (place >= places_in_row) {
@@ -94,7 +96,9 @@ struct MemoryPass {
   }
   FC_HOST_DEVICE ContactStretch of_pair(const Sphere& self, const Sphere& other) const {
     if (!is_kept()) return {};
-    return is_owner(self, other) ? from.find(self.id, other.id) : -from.find(other.id, self.id);
+    const bool is_own = is_owner(self, other);  // one search for both, as both sides of pairs share a warp
+    const ContactStretch found = from.find(is_own ? self.id : other.id, is_own ? other.id : self.id);
+    return is_own ? found : -found;
   }
   FC_HOST_DEVICE ContactStretch of_wall(const Sphere& self, std::uint32_t wall) const {
     if (!is_kept()) return {};

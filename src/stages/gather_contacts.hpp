@@ -32,6 +32,7 @@ struct GatherContacts {
           other.normal_velocity < normal_velocity || (other.normal_velocity == normal_velocity && other.id < id);
       if (is_first) *this = other;
     }
+    FC_HOST_DEVICE bool is_any() const { return slot != no_pick; }
   };
 
   struct Sum {
@@ -42,13 +43,31 @@ struct GatherContacts {
 
     FC_HOST_DEVICE bool is_empty() const { return contacts == 0; }
     FC_HOST_DEVICE void combine(const Sum& other) {
-      add(change, other.change);
-      add(turned, other.turned);
-      add(crowd, other.crowd);
+      fastcollide::add(change, other.change);
+      fastcollide::add(turned, other.turned);
+      fastcollide::add(crowd, other.crowd);
       fastest.keep_faster(other.fastest);
       contacts += other.contacts;
       resting += other.resting;
       out_of_range += other.out_of_range;
+    }
+    // All but the fastest, of few contacts, as words that are added up like integers.
+    static constexpr std::uint32_t words = 13;
+    FC_HOST_DEVICE void write(std::uint64_t* to) const {
+      const std::int64_t sums[] = {change.x, change.y, change.z, turned.x, turned.y, turned.z,
+                                   crowd.xx, crowd.yy, crowd.zz, crowd.xy, crowd.xz, crowd.yz};
+      FC_UNROLL
+      for (int i = 0; i < 12; ++i) to[i] = static_cast<std::uint64_t>(sums[i]);
+      to[12] = contacts | std::uint64_t(resting) << 16 | std::uint64_t(out_of_range) << 32;
+    }
+    FC_HOST_DEVICE void add(const std::uint64_t* from) {
+      std::int64_t* sums[] = {&change.x, &change.y, &change.z, &turned.x, &turned.y, &turned.z,
+                              &crowd.xx, &crowd.yy, &crowd.zz, &crowd.xy, &crowd.xz, &crowd.yz};
+      FC_UNROLL
+      for (int i = 0; i < 12; ++i) *sums[i] += static_cast<std::int64_t>(from[i]);
+      contacts += from[12] & 0xFFFF;
+      resting += from[12] >> 16 & 0xFFFF;
+      out_of_range += static_cast<std::uint32_t>(from[12] >> 32);
     }
   };
 
@@ -63,106 +82,101 @@ struct GatherContacts {
     return sum;
   }
 
+  // One of the two of a contact.
+  struct Side {
+    std::int64_t slot;
+    Sphere sphere;
+    float crowding;
+    Vec3 spin;
+  };
+
   FC_HOST_DEVICE Sphere load(std::int64_t slot) const { return falling_sphere_in_slot(grid, slot, substep.flight); }
+  FC_HOST_DEVICE Side side_at(std::int64_t slot) const { return side_of(load(slot), slot); }
+  FC_HOST_DEVICE Side side_of(const Sphere& sphere, std::int64_t slot) const {
+    return {slot, sphere, grid.crowding[slot], spin_in_slot(grid, slot)};
+  }
+
   FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const { return gather(load(slot), slot, lane); }
-  FC_HOST_DEVICE Sum gather(const Sphere& self, std::int64_t slot, Lane lane) const {
-    const float own_crowding = grid.crowding[slot];
-    const Vec3 spin = spin_in_slot(grid, slot);
+  FC_HOST_DEVICE Sum gather(const Sphere& sphere, std::int64_t slot, Lane lane) const {
+    const Side self = side_of(sphere, slot);
     Sum sum = nothing_yet();
-    if (is_fixed(self.mass)) return sum;
-    auto visit = [&](std::int64_t other) { add_neighbor(slot, other, self, own_crowding, spin, sum); };
-    neighbors.visit(grid, slot, self.position, lane, visit);
-    if (lane.index == 0) gather_walls(slot, self, own_crowding, spin, sum);
+    if (is_fixed(sphere.mass)) return sum;
+    auto visit = [&](std::int64_t other) {
+      if (is_near(sphere, grid, other, substep.law.opening_margin)) add_pair(self, side_at(other), sum);
+    };
+    neighbors.visit(grid, slot, sphere.position, lane, visit);
+    if (lane.index == 0) gather_walls(self, sum);
     return sum;
   }
-  // The same in parts: what the walls do, and one neighbour.
-  FC_HOST_DEVICE Sum gather_from_walls(const Sphere& self, std::int64_t slot) const {
-    Sum sum = nothing_yet();
-    if (!is_fixed(self.mass)) gather_walls(slot, self, grid.crowding[slot], spin_in_slot(grid, slot), sum);
-    return sum;
+  // The same in parts: with one who has been found near, and what the walls do. All that the pair needs is asked for
+  // at once.
+  FC_HOST_DEVICE void add_near(std::int64_t slot, std::int64_t other, Sum& sum) const {
+    const Side self = side_at(slot), neighbor = side_at(other);
+    const Sphere& there = neighbor.sphere;
+    if (are_near(self.sphere, there.position, there.radius, grid.period, substep.law.opening_margin)) {
+      add_pair(self, neighbor, sum);
+    }
   }
-  FC_HOST_DEVICE Sum gather_from(std::int64_t other, std::int64_t slot) const {
-    Sum sum = nothing_yet();
-    add_neighbor(slot, other, load(slot), grid.crowding[slot], spin_in_slot(grid, slot), sum);
-    return sum;
+  FC_HOST_DEVICE void add_walls(const Sphere& sphere, std::int64_t slot, Sum& sum) const {
+    if (!is_fixed(sphere.mass)) gather_walls(side_of(sphere, slot), sum);
   }
 
-  FC_HOST_DEVICE void add_neighbor(std::int64_t slot, std::int64_t other, const Sphere& self, float own_crowding,
-                                   Vec3 spin, Sum& sum) const {
-    if (!is_near(self, grid, other, substep.law.opening_margin)) return;
-    const Sphere neighbor = falling_sphere_in_slot(grid, other, substep.flight);
+  FC_HOST_DEVICE void add_pair(const Side& self, const Side& neighbor, Sum& sum) const {
+    const bool is_rough = grid.spins != nullptr;
     const ContactTerms terms =
-        contact_terms(substep, grid.period, grid.spins != nullptr, self, own_crowding, neighbor, grid.crowding[other]);
-    add_pair(slot, other, self, spin, own_crowding, terms, sum);
-  }
-
-  FC_HOST_DEVICE void add_pair(std::int64_t slot, std::int64_t other, const Sphere& self, Vec3 spin, float own_crowding,
-                               const ContactTerms& terms, Sum& sum) const {
+        contact_terms(substep, grid.period, is_rough, self.sphere, self.crowding, neighbor.sphere, neighbor.crowding);
     if (!terms.is_counted) return;
     ++sum.contacts;
-    if (terms.is_impact) keep_impact(other, terms.met_at, sum);
+    if (terms.is_impact) keep_impact(neighbor.slot, terms.met_at, sum);
     if (substep.law.gravity == 0.0f) return;
     add_contact(sum.crowd, terms.contact.normal, terms.weight);
     if (!terms.is_resting) return;
     ++sum.resting;
     add_change(sum, terms.contact.normal * terms.change);
-    if (grid.spins != nullptr) {
-      rub_neighbor(slot, other, self, spin, own_crowding, terms.contact, terms.push, terms.speed, terms.part, sum);
-    }
+    if (is_rough) rub(self, neighbor, terms.contact, terms.push, terms.speed, terms.part, sum);
   }
 
   FC_HOST_DEVICE void keep_impact(std::int64_t other, float met_at, Sum& sum) const {
     sum.fastest.keep_faster({met_at, static_cast<std::uint32_t>(other), grid.ids[other]});
   }
 
-  FC_HOST_DEVICE void rub_neighbor(std::int64_t slot, std::int64_t other, const Sphere& self, Vec3 spin,
-                                   float own_crowding, const ContactGeometry& contact, float push, float speed,
-                                   float part, Sum& sum) const {
-    const Sphere neighbor = falling_sphere_in_slot(grid, other, substep.flight);
-    const float crowding = larger(fabsf(own_crowding), fabsf(grid.crowding[other]));
-    rub({slot, other, self, neighbor, spin, contact, larger(push, speed) * part, larger(speed, 0.0f) * part,
-         tangential_part(crowding)},
-        sum);
-  }
-
-  struct RoughPair {
-    std::int64_t slot, other;
-    const Sphere &self, &neighbor;
-    Vec3 spin;
-    const ContactGeometry& contact;
-    float push, normal_change, part;
-  };
-
-  FC_HOST_DEVICE void rub(const RoughPair& pair, Sum& sum) const {
-    const Sphere &self = pair.self, &neighbor = pair.neighbor;
-    const Vec3 normal = pair.contact.normal, other_spin = grid.spins[pair.other];
-    const float friction = friction_between(grid, pair.slot, pair.other), h = substep.law.substep;
+  // push, speed and part: of the ContactTerms.
+  FC_HOST_DEVICE void rub(const Side& self, const Side& neighbor, const ContactGeometry& contact, float push,
+                          float speed, float part, Sum& sum) const {
+    const Vec3 normal = contact.normal;
+    const Sphere &here = self.sphere, &there = neighbor.sphere;
+    const float normal_push = larger(push, speed) * part, normal_change = larger(speed, 0.0f) * part;
+    const float own_part = tangential_part(larger(fabsf(self.crowding), fabsf(neighbor.crowding)));
+    const float friction = friction_between(grid, self.slot, neighbor.slot), h = substep.law.substep;
     const bool rolls = resists_rolling(substep, grid);
-    if (!(pair.push > 0.0f && (friction > 0.0f || rolls))) return;
-    ContactStretch stretch = memory.of_pair(self, neighbor);
+    if (!(normal_push > 0.0f && (friction > 0.0f || rolls))) return;
+    const bool is_owner = MemoryPass::is_owner(here, there);
+    // Long before it is needed: to wait for it took 7 % of the pass.
+    const std::uint32_t place = is_owner && memory.is_kept() ? memory.to.take(here.id) : 0;
+    ContactStretch stretch = memory.of_pair(here, there);
     if (friction > 0.0f) {
-      const PairSlip slip(self, neighbor, pair.spin, other_spin, pair.contact.depth);
-      const Vec3 before = velocity_in_slot(grid, pair.slot) - velocity_in_slot(grid, pair.other);
-      const Hold held = hold(slip.at(self.velocity - neighbor.velocity, normal), slip.at(before, normal), stretch.slide,
-                             normal, pair.push, pair.normal_change, friction, pair.part, h);
+      const PairSlip slip(here, there, self.spin, neighbor.spin, contact.depth);
+      const Vec3 before = velocity_in_slot(grid, self.slot) - velocity_in_slot(grid, neighbor.slot);
+      const Hold held = hold(slip.at(here.velocity - there.velocity, normal), slip.at(before, normal), stretch.slide,
+                             normal, normal_push, normal_change, friction, own_part, h);
       stretch.slide = held.stretch;
-      const Rub rub = slip.rub(held.change * mass_share(self.mass, neighbor.mass), normal);
+      const Rub rub = slip.rub(held.change * mass_share(here.mass, there.mass), normal);
       add_change(sum, rub.velocity);
       add_turn(sum, rub.turn);
     }
     if (rolls) {
-      const RollingPair rolling(self, neighbor);
-      const Hold held = hold_roll(pair.spin - other_spin, stretch.roll, pair.push, pair.normal_change,
-                                  substep.law.rolling_friction * rolling.lever, pair.part, h);
+      const RollingPair rolling(here, there);
+      const Hold held = hold_roll(self.spin - neighbor.spin, stretch.roll, normal_push, normal_change,
+                                  substep.law.rolling_friction * rolling.lever, own_part, h);
       stretch.roll = held.stretch;
       add_turn(sum, rolling.turn(held.change));
     }
-    if (MemoryPass::is_owner(self, neighbor)) remember(self.id, neighbor.id, stretch);
+    if (is_owner && memory.is_kept()) remember(here.id, place, there.id, stretch);
   }
 
-  FC_HOST_DEVICE void remember(std::uint32_t owner, std::uint32_t partner, const ContactStretch& stretch) const {
-    if (stretch.is_none() || !memory.is_kept()) return;
-    const std::uint32_t wanted = memory.to.add(owner, partner, stretch);
+  FC_HOST_DEVICE void remember(std::uint32_t owner, std::uint32_t place, std::uint32_t partner,
+                               const ContactStretch& stretch) const {
+    const std::uint32_t wanted = memory.to.put(owner, place, partner, stretch);
     if (wanted == 0) return;
     atomic_max(memory.wanted, wanted);
     if (wanted > memory.to.chained_places) {
@@ -170,10 +184,11 @@ struct GatherContacts {
     }
   }
 
-  FC_HOST_DEVICE void gather_walls(std::int64_t slot, const Sphere& self, float known_crowding, Vec3 spin,
-                                   Sum& sum) const {
+  FC_HOST_DEVICE void gather_walls(const Side& here, Sum& sum) const {
     const SoftContactLaw& law = substep.law;
-    const float crowding = fabsf(known_crowding);
+    const Sphere& self = here.sphere;
+    const Vec3 spin = here.spin;
+    const float known_crowding = here.crowding, crowding = fabsf(known_crowding);
     if (law.gravity == 0.0f) return;
     const float nearest = -law.impact_speed * law.substep;
     if (deepest_in_walls(self.position, self.radius, substep.box) <= nearest) return;  // most spheres
@@ -194,7 +209,7 @@ struct GatherContacts {
       add_change(sum, normal * speed);
       if (grid.spins != nullptr) {
         // A sphere at rest may touch a wall without reaching into it, so that no spring pushes it.
-        rub_at_wall(slot, self, spin, normal, side, larger(push, asked) * part, larger(speed, 0.0f),
+        rub_at_wall(here.slot, self, spin, normal, side, larger(push, asked) * part, larger(speed, 0.0f),
                     tangential_part(crowding), sum);
       } else if (substep.wall.friction > 0.0f && speed > 0.0f) {
         const Rub rub = rub_wall(self.radius, spin, false, self.velocity, normal, speed, substep.wall.friction, part);
@@ -226,7 +241,7 @@ struct GatherContacts {
       stretch.roll = held.stretch;
       add_turn(sum, held.change * self.radius);
     }
-    remember(self.id, wall, stretch);
+    if (!stretch.is_none() && memory.is_kept()) remember(self.id, memory.to.take(self.id), wall, stretch);
   }
 
   FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const { finish(load(slot), slot, sum); }
