@@ -192,6 +192,12 @@ FC_HOST_DEVICE inline std::uint64_t fault_word(std::uint32_t frame, std::uint32_
 }
 FC_HOST_DEVICE inline std::uint32_t fault_frame(std::uint64_t fault) { return static_cast<std::uint32_t>(fault >> 40); }
 
+// Hashes that the tables of what rough contacts remember should have: see stages/contact_memory.hpp.
+struct WantedHashes {
+  std::uint64_t soon = 0;  // as there are more than half as many entries
+  std::uint64_t now = 0;   // as there was no place for some entry
+};
+
 // What a run is watched for, from all spheres at once and in no order.
 struct Watch {
   // Of spheres that flew farther than their radius in one step, added up over the steps. Several, as threads would wait
@@ -204,8 +210,7 @@ struct Watch {
 
   std::uint64_t first_fault = no_fault;
   Tally tallies[tally_count];
-  // Places that the memory of rough contacts should have had: see stages/contact_memory.hpp.
-  std::uint64_t memory_wanted = 0;
+  WantedHashes memory_wanted;
 };
 
 // A sphere that flies farther than its radius in one step, from one look at its neighbours to the next, may pass

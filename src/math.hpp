@@ -162,7 +162,7 @@ FC_HOST_DEVICE inline Word atomic_add(Word* target, std::type_identity_t<Word> v
 #elif !defined(__CUDACC__)
   return std::atomic_ref<Word>(*target).fetch_add(value, std::memory_order_relaxed);
 #else
-  return (*target += value) - value;  // host pass of nvcc: compiled, never run
+  return (*target += value) - value;  // host pass of nvcc: by one thread
 #endif
 }
 
@@ -175,7 +175,23 @@ FC_HOST_DEVICE inline Word atomic_exchange(Word* target, std::type_identity_t<Wo
   return std::atomic_ref<Word>(*target).exchange(value, std::memory_order_relaxed);
 #else
   const Word found = *target;
-  *target = value;  // host pass of nvcc: compiled, never run
+  *target = value;  // host pass of nvcc: by one thread
+  return found;
+#endif
+}
+// Likewise, but only where there is what is expected; returns what was there.
+template <class Word>
+FC_HOST_DEVICE inline Word atomic_compare_exchange(Word* target, std::type_identity_t<Word> expected,
+                                                   std::type_identity_t<Word> value) {
+#if defined(__CUDA_ARCH__)
+  return static_cast<Word>(atomicCAS(reinterpret_cast<CudaWord<Word>*>(target), static_cast<CudaWord<Word>>(expected),
+                                     static_cast<CudaWord<Word>>(value)));
+#elif !defined(__CUDACC__)
+  std::atomic_ref<Word>(*target).compare_exchange_strong(expected, value, std::memory_order_relaxed);
+  return expected;
+#else
+  const Word found = *target;
+  if (found == expected) *target = value;  // host pass of nvcc: by one thread
   return found;
 #endif
 }

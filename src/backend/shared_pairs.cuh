@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "../math.hpp"
+#include "../physics/mass.hpp"
 #include "lanes.cuh"
 
 namespace fastcollide {

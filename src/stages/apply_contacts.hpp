@@ -23,7 +23,10 @@ struct ApplyContacts {
     const SoftContactLaw& law = substep.law;
     const Sphere self = falling_sphere_in_slot(grid, slot, substep.flight);
     // Only where some contact pushed the sphere in the pass before has it written into its row then.
-    if (cleared.rows != nullptr) cleared.clear(self.id, had_resting_contacts(grid.crowding[slot]));
+    if (cleared.rows != nullptr) {
+      cleared.clear(self.id, had_resting_contacts(grid.crowding[slot]));
+      cleared.table.clear(slot, grid.count);
+    }
     const std::uint32_t partner = pick[slot];
     const bool is_touched = partner != pick_of_untouched;
     const Vec3 resting_change = is_touched ? velocity_change[slot] : Vec3{0, 0, 0};

@@ -176,10 +176,7 @@ struct GatherContacts {
 
   FC_HOST_DEVICE void remember(std::uint32_t owner, std::uint32_t place, std::uint32_t partner,
                                const ContactStretch& stretch) const {
-    const std::uint32_t wanted = memory.to.put(owner, place, partner, stretch);
-    if (wanted == 0) return;
-    atomic_max(memory.wanted, wanted);
-    if (wanted > memory.to.chained_places) {
+    if (!memory.to.put(owner, place, partner, stretch, memory.wanted)) {
       atomic_min(first_fault, fault_word(substep.frame, owner, FaultKind::memory_full));
     }
   }
