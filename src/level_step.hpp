@@ -51,16 +51,16 @@ struct LevelPass {
   static constexpr bool has_friction = is_rough;
   Pass pass;
 
-  FC_HOST_DEVICE Pass here() const { return in_known_world<is_rough, has_walls>(pass); }
-  FC_HOST_DEVICE void operator()(std::int64_t slot) const { here()(slot); }
+  FC_HOST_DEVICE Pass now() const { return in_known_world<is_rough, has_walls>(pass); }
+  FC_HOST_DEVICE void operator()(std::int64_t slot) const { now()(slot); }
 };
 
 template <class Pass, bool is_rough, bool has_walls>
 struct SharedLevelPass : LevelPass<Pass, is_rough, has_walls> {
   using Sum = typename Pass::Sum;
 
-  FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const { return this->here().gather(slot, lane); }
-  FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const { this->here().finish(slot, sum); }
+  FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const { return this->now().gather(slot, lane); }
+  FC_HOST_DEVICE void finish(std::int64_t slot, const Sum& sum) const { this->now().finish(slot, sum); }
 };
 
 template <class Run>

@@ -20,7 +20,7 @@
 #include "concept.hpp"
 #include "fastcollide/errors.hpp"
 #include "grid_run.cuh"
-#include "lanes.cuh"
+#include "group_run.cuh"
 
 namespace fastcollide {
 

@@ -128,4 +128,25 @@ __device__ typename Pass::Sum gather_by_pairs(const Pass& pass, const Here& here
   return sum;
 }
 
+inline constexpr std::uint32_t places_for_near = 32;
+
+// Likewise where who is near is found by a search that all lanes of the warp make in step: pairs are worked on when one
+// of the lanes has no place left.
+template <int lanes, class Pass>
+__device__ typename Pass::Sum gather_by_pairs_as_found(const Pass& pass,
+                                                       PairsOfWarp<typename Pass::Sum, places_for_near>& shared,
+                                                       std::int64_t slot, Lane lane, bool is_mine) {
+  const auto here = pass.now();
+  const auto self = here.load(slot);
+  auto sum = here.nothing_yet();
+  const auto near = [&](std::uint32_t k) -> std::uint32_t& { return shared.near[k][threadIdx.x % 32]; };
+  const auto flush = [&](std::uint32_t found) {
+    add_pairs<lanes>(pass, shared, static_cast<std::uint32_t>(slot), found, sum);
+  };
+  here.neighbors.search(here.grid, slot, self.position, lane, is_mine && !is_fixed(self.mass), near, places_for_near,
+                        flush);
+  if (is_mine && lane.index == 0) here.add_walls(self, slot, sum);
+  return sum;
+}
+
 }  // namespace fastcollide

@@ -70,18 +70,30 @@ struct LevelNeighbors {
   const CellLevels* levels;
   const std::uint32_t *cell_start, *cell_end;
 
-  // Near ones are kept until there are many, or no more: to find them takes each lane of a GPU another way, to visit
-  // them does not. On the way to them the lanes of a warp go in step, too: each step is a new row for those that need
-  // one, and then some candidates of each lane.
   template <class Visit>
   FC_HOST_DEVICE void visit(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane, Visit& visit) const {
+    constexpr std::uint32_t most = 96;
+    std::uint32_t kept[most];
+    const auto near = [&](std::uint32_t k) -> std::uint32_t& { return kept[k]; };
+    const auto flush = [&](std::uint32_t found) {
+      for (std::uint32_t i = 0; i < found; ++i) visit(kept[i]);
+    };
+    search(grid, slot, position, lane, true, near, most, flush);
+  }
+
+  // Near ones are kept, near(0) and so on, until there are many, or no more: to find them takes each lane of a GPU
+  // another way, to work on them does not. On the way to them the lanes of a warp go in step, too: each step is a new
+  // row for those that need one, and then some candidates of each lane. All of them call flush(found) when one has less
+  // room than that, and at the end. One that `keeps` none finds none.
+  template <class Near, class Flush>
+  FC_HOST_DEVICE void search(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane, bool keeps,
+                             const Near& near, std::uint32_t most, const Flush& flush) const {
 #if defined(__CUDA_ARCH__)
     constexpr std::uint32_t at_once = 4;  // candidates that a lane waits for together
 #else
     constexpr std::uint32_t at_once = 1;
 #endif
-    constexpr std::uint32_t most = 96;
-    std::uint32_t near[most], found = 0;
+    std::uint32_t found = 0;
     const auto self = static_cast<std::uint32_t>(slot);
     const float radius = grid.position_radius[slot].w;
     const LanesTogether together;
@@ -93,8 +105,10 @@ struct LevelNeighbors {
       search.start(level, position, range + level.largest_radius, lane);
       std::uint32_t other = 0, end = 0;
       for (bool goes_on = true; goes_on;) {
-        bool has_more = true;
-        if (other == end) has_more = search.next_run(level, cell_start, cell_end, position, lane, other, end);
+        bool has_more = keeps;
+        if (keeps && other == end) {
+          has_more = search.next_run(level, cell_start, cell_end, position, lane, other, end);
+        }
         Vec4 there[at_once];
         FC_UNROLL
         for (std::uint32_t i = 0; i < at_once; ++i) there[i] = grid.position_radius[other + i < end ? other + i : self];
@@ -103,13 +117,13 @@ struct LevelNeighbors {
           const Vec3 offset = separation(position, {there[i].x, there[i].y, there[i].z}, grid.period);
           const float reach = (range + there[i].w) * 1.00001f;
           const bool is_near = dot(offset, offset) <= reach * reach;
-          if (is_near & (other + i < end) & (other + i != self)) near[found++] = other + i;
+          if (is_near & (other + i < end) & (other + i != self)) near(found++) = other + i;
         }
         other = end - other < at_once ? end : other + at_once;
         goes_on = together.any(has_more);
         const bool is_last = !goes_on && k + 1 == count;
         if (together.any(found + at_once > most) || is_last) {
-          for (std::uint32_t i = 0; i < found; ++i) visit(near[i]);
+          flush(found);
           found = 0;
         }
       }
