@@ -47,6 +47,16 @@ struct Bodies {
   typename B::template Buffer<float> frictions;  // Coulomb coefficient
 };
 
+// What is read together lies together: who a sphere is, and how it turns and rubs.
+struct alignas(8) MassId {
+  float mass;  // [kg]
+  std::uint32_t id;
+};
+struct alignas(16) Spin {
+  Vec3 rate;       // [rad/s]
+  float friction;  // Coulomb coefficient; it stays as it is
+};
+
 // Spheres sorted by (cell, id). A slot is a place in that order; the state is copied there, so that a stage reads one
 // buffer (the slots) and writes the other (the bodies).
 template <Backend B>
@@ -60,10 +70,9 @@ struct Grid {
         cell_end(backend),
         position_radius(backend),
         velocity_restitution(backend),
-        masses(backend),
+        mass_ids(backend),
         crowding(backend),
-        spins(backend),
-        frictions(backend) {}
+        spins(backend) {}
 
   CellLevels levels{};  // one of them: as large as the largest sphere wants; several: by size
   Vec3 period{};
@@ -71,42 +80,37 @@ struct Grid {
   typename B::template Buffer<std::uint32_t> cells, ids;            // of each slot
   typename B::template Buffer<std::uint32_t> cell_start, cell_end;  // slots of each cell: [start, end)
   typename B::template Buffer<Vec4> position_radius, velocity_restitution;
-  typename B::template Buffer<float> masses;
+  typename B::template Buffer<MassId> mass_ids;
   typename B::template Buffer<float> crowding;  // for the default solver
-  // Of a rough world:
-  typename B::template Buffer<Vec3> spins;
-  typename B::template Buffer<float> frictions;
+  typename B::template Buffer<Spin> spins;      // of a rough world
 };
 
 // The slots as a stage reads them.
 struct GridView {
   Vec3 period;  // of the periodic axes, 0 for the others [m]
   std::int64_t count;
-  const std::uint32_t* ids;
   const Vec4* position_radius;
   const Vec4* velocity_restitution;
-  const float* masses;
+  const MassId* mass_ids;
   const float* crowding;
-  const Vec3* spins;       // or null
-  const float* frictions;  // or null
+  const Spin* spins;  // or null
 };
 
 template <Backend B>
 GridView view_of(const Grid<B>& grid) {
   return {grid.period,
           grid.ids.size(),
-          grid.ids.data(),
           grid.position_radius.data(),
           grid.velocity_restitution.data(),
-          grid.masses.data(),
+          grid.mass_ids.data(),
           grid.crowding.data(),
-          grid.spins.data(),
-          grid.frictions.data()};
+          grid.spins.data()};
 }
 
 FC_HOST_DEVICE inline Sphere sphere_in_slot(const GridView& grid, std::int64_t slot) {
   const Vec4 a = grid.position_radius[slot], b = grid.velocity_restitution[slot];
-  return {{a.x, a.y, a.z}, a.w, {b.x, b.y, b.z}, b.w, grid.masses[slot], grid.ids[slot]};
+  const MassId who = grid.mass_ids[slot];
+  return {{a.x, a.y, a.z}, a.w, {b.x, b.y, b.z}, b.w, who.mass, who.id};
 }
 
 FC_HOST_DEVICE inline Vec3 velocity_in_slot(const GridView& grid, std::int64_t slot) {
@@ -120,19 +124,12 @@ struct SlotState {
   Vec4* position_radius;
   Vec4* velocity_restitution;
   float* crowding;  // or null: of the default solver
-  Vec3* spins;      // or null
-};
-// What changes only when spheres are sorted anew.
-struct SlotConstants {
-  std::uint32_t* ids;
-  float* masses;
-  float* frictions;  // or null
+  Spin* spins;      // or null
 };
 
-FC_HOST_DEVICE inline GridView view_of(const SlotState& state, const SlotConstants& constants, std::int64_t count,
+FC_HOST_DEVICE inline GridView view_of(const SlotState& state, const MassId* mass_ids, std::int64_t count,
                                        Vec3 period) {
-  return {period,           count,          constants.ids, state.position_radius, state.velocity_restitution,
-          constants.masses, state.crowding, state.spins,   constants.frictions};
+  return {period, count, state.position_radius, state.velocity_restitution, mass_ids, state.crowding, state.spins};
 }
 
 // Entries of one lane of one sphere: those that are there for all to see, and with those being added right now.

@@ -167,7 +167,7 @@ class FrameRuns {
       simulate_frames_by_their_lists<is_rough, has_walls>(run, running, frames);
     });
     // Which of the two copies holds what.
-    if (running.constants.ids != world.constants.ids) std::swap(constants_, other_constants_);
+    if (running.mass_ids != world.mass_ids) std::swap(mass_ids_, other_mass_ids_);
     backend_.copy_to_host(&control, std::as_const(control_).data(), 1);
     drift_ = control.next_drift;
     return control;
@@ -192,7 +192,7 @@ class FrameRuns {
     const std::int64_t count = world.count;
     count_ = 0;  // nothing is known should memory run out on the way
     for (auto* state : {&state_, &other_state_}) state->resize(count, is_substep, is_rough);
-    for (auto* constants : {&constants_, &other_constants_}) constants->resize(count, is_rough);
+    for (auto* mass_ids : {&mass_ids_, &other_mass_ids_}) mass_ids->resize(count);
     built_.resize(count);
     cell_of_slot_.resize(count);
     velocity_change_.resize(is_substep ? count : 0);
@@ -282,8 +282,8 @@ class FrameRuns {
   void set_pointers(FrameWorld& world) {
     world.state = state_.view();
     world.other_state = other_state_.view();
-    world.constants = constants_.view();
-    world.other_constants = other_constants_.view();
+    world.mass_ids = mass_ids_.data();
+    world.other_mass_ids = other_mass_ids_.data();
     world.built = built_.data();
     world.cell_of_slot = cell_of_slot_.data();
     world.cell_counts = cell_counts_.data();
@@ -336,7 +336,7 @@ class FrameRuns {
   bool may_grow_ = true;
   typename B::template Buffer<FrameControl> control_{backend_};
   SlotStateBuffers<B> state_{backend_}, other_state_{backend_};
-  SlotConstantBuffers<B> constants_{backend_}, other_constants_{backend_};
+  typename B::template Buffer<MassId> mass_ids_{backend_}, other_mass_ids_{backend_};
   typename B::template Buffer<Vec4> built_{backend_};
   typename B::template Buffer<Vec3> velocity_change_{backend_}, turn_{backend_};
   typename B::template Buffer<std::uint32_t> cell_of_slot_{backend_}, cell_counts_{backend_}, cell_start_{backend_},

@@ -23,11 +23,11 @@ struct FrameWorld {
   FrameParameters frame;
   std::uint32_t frames_of_lists;  // in which they are kept
   std::int64_t count;
-  bool is_new;    // slots that hold nothing yet
+  bool is_new;        // slots that hold nothing yet
   bool shares_pairs;  // rough, and lanes may share the pairs of other spheres than their own
   BodyArrays bodies;
   SlotState state, other_state;
-  SlotConstants constants, other_constants;
+  MassId *mass_ids, *other_mass_ids;
   Vec4* built;  // place, radius and skin
   GridShape shape;
   std::int64_t cells;
@@ -44,7 +44,7 @@ struct FrameWorld {
   FrameControl* control;
   MemoryPass memory;  // of the next pass
 
-  GridView grid() const { return view_of(state, constants, count, period_of(frame.substep.box)); }
+  GridView grid() const { return view_of(state, mass_ids, count, period_of(frame.substep.box)); }
   CellCounter counter() const { return {shape, cell_of_slot, cell_counts}; }
   SortedSlots sorted() const { return {shape, cell_start, cell_end, built, skin}; }
   Strays strays_of(std::uint32_t pass) const {
@@ -173,18 +173,17 @@ void make_frame_lists(Run& run, FrameWorld& world, std::uint32_t frames) {
                                  world.counter(),
                                  world.cell_start,
                                  world.skin,
-                                 {world.state, world.other_state, world.constants, world.other_constants},
+                                 {world.state, world.other_state, world.mass_ids, world.other_mass_ids},
                                  world.built,
                                  world.lists.counts,
                                  world.drift,
                                  world.control});
   world.swap_state();
-  std::swap(world.constants, world.other_constants);
+  std::swap(world.mass_ids, world.other_mass_ids);
   const auto record = [&]<bool is_shared>() {
-    run.for_each(
-        Stage::make_lists, world.count << world.lists.lane_bits,
-        RecordListsOfFrame<is_shared, has_walls>{{world.sorted(), period_of(world.frame.substep.box),
-                                                  world.constants.masses, world.lists, world.drift, world.control}});
+    run.for_each(Stage::make_lists, world.count << world.lists.lane_bits,
+                 RecordListsOfFrame<is_shared, has_walls>{{world.sorted(), period_of(world.frame.substep.box),
+                                                           world.mass_ids, world.lists, world.drift, world.control}});
   };
   if (world.lists.lane_bits > 0) {
     record.template operator()<true>();
@@ -279,7 +278,7 @@ template <bool is_rough, bool has_walls, class Run>
 void simulate_frames_by_their_lists(Run& run, FrameWorld& world, std::int64_t frames) {
   ToNextFrame first = world.to_next_frame(false);
   first.to = world.state;
-  run.for_each(Stage::load, world.count, LoadInto<ToNextFrame>{world.is_new, world.bodies, world.constants, first});
+  run.for_each(Stage::load, world.count, LoadInto<ToNextFrame>{world.is_new, world.bodies, world.mass_ids, first});
   world.is_new = false;
   const auto simulate = [&](std::uint32_t some, bool is_last) {
     simulate_frames_of_lists<is_rough, has_walls>(run, world, some, is_last);
@@ -298,7 +297,7 @@ void simulate_frames_by_their_lists(Run& run, FrameWorld& world, std::int64_t fr
   }
   simulate(static_cast<std::uint32_t>(frames - alone - spells * world.frames_of_lists), true);
   run.for_each(Stage::store, world.count,
-               StoreFrameBodies{{world.state, world.constants.ids, world.bodies},
+               StoreFrameBodies{{world.state, world.mass_ids, world.bodies},
                                 world.control,
                                 world.lists.rows << world.lists.lane_bits,
                                 world.strays.places});

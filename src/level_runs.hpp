@@ -58,7 +58,7 @@ class LevelRuns {
     const bool is_rough = world.bodies.spins != nullptr, is_substep = world.frame.solver == Solver::substep;
     count_ = 0;  // nothing is known should memory run out on the way
     for (auto* state : {&state_, &other_state_}) state->resize(count, is_substep, is_rough);
-    for (auto* constants : {&constants_, &other_constants_}) constants->resize(count, is_rough);
+    for (auto* mass_ids : {&mass_ids_, &other_mass_ids_}) mass_ids->resize(count);
     cell_of_slot_.resize(count);
     rank_of_slot_.resize(count);
     velocity_change_.resize(is_substep ? count : 0);
@@ -77,8 +77,8 @@ class LevelRuns {
   void set_pointers(LevelWorld& world) {
     world.state = state_.view();
     world.other_state = other_state_.view();
-    world.constants = constants_.view();
-    world.other_constants = other_constants_.view();
+    world.mass_ids = mass_ids_.data();
+    world.other_mass_ids = other_mass_ids_.data();
     world.cell_of_slot = cell_of_slot_.data();
     world.rank_of_slot = rank_of_slot_.data();
     world.cell_counts = cell_counts_.data();
@@ -92,7 +92,7 @@ class LevelRuns {
 
   B& backend_;
   SlotStateBuffers<B> state_{backend_}, other_state_{backend_};
-  SlotConstantBuffers<B> constants_{backend_}, other_constants_{backend_};
+  typename B::template Buffer<MassId> mass_ids_{backend_}, other_mass_ids_{backend_};
   typename B::template Buffer<std::uint32_t> cell_of_slot_{backend_}, rank_of_slot_{backend_}, cell_counts_{backend_},
       cell_start_{backend_}, pick_{backend_};
   typename B::template Buffer<Vec3> velocity_change_{backend_}, turn_{backend_};
@@ -126,7 +126,7 @@ Watch LevelRuns<B>::run(const FrameParameters& frame, std::int64_t frames, const
     simulate_frames_by_levels<is_rough, has_walls>(run, world, static_cast<std::uint32_t>(frames));
   });
   // Which of the two copies holds what.
-  if (world.constants.ids != constants_.ids.data()) std::swap(constants_, other_constants_);
+  if (world.mass_ids != mass_ids_.data()) std::swap(mass_ids_, other_mass_ids_);
   backend_.copy_to_host(&watch, std::as_const(watch_).data(), 1);
   return watch;
 }

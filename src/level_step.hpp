@@ -22,7 +22,7 @@ struct LevelWorld {
   bool is_new;  // slots that hold nothing yet
   BodyArrays bodies;
   SlotState state, other_state;
-  SlotConstants constants, other_constants;
+  MassId *mass_ids, *other_mass_ids;
   const CellLevels* levels;
   std::int64_t cells;  // of all levels
   SlotGroups groups;
@@ -33,7 +33,7 @@ struct LevelWorld {
   MemoryCopies memory;
   Watch* watch;
 
-  GridView grid() const { return view_of(state, constants, count, period_of(frame.substep.box)); }
+  GridView grid() const { return view_of(state, mass_ids, count, period_of(frame.substep.box)); }
   LevelNeighbors neighbors() const { return {levels, cell_start, cell_start + 1}; }
   ToNextPass to_next_pass(bool ends_frame, bool is_last) const {
     const Substep& step = frame.substep;
@@ -70,9 +70,9 @@ void sort_by_levels(Run& run, LevelWorld& world) {
                ScatterLevelSlots{world.cell_of_slot,
                                  world.rank_of_slot,
                                  world.cell_start,
-                                 {world.state, world.other_state, world.constants, world.other_constants}});
+                                 {world.state, world.other_state, world.mass_ids, world.other_mass_ids}});
   world.swap_state();
-  std::swap(world.constants, world.other_constants);
+  std::swap(world.mass_ids, world.other_mass_ids);
 }
 
 // One iteration of the reference solver, one substep of the default one.
@@ -104,7 +104,7 @@ void simulate_frames_by_levels(Run& run, LevelWorld& world, std::uint32_t frames
   world.frame.substep.frame = ~std::uint32_t(0);
   ToNextPass first = world.to_next_pass(true, false);
   first.to = world.state;
-  run.for_each(Stage::load, world.count, LoadInto<ToNextPass>{world.is_new, world.bodies, world.constants, first});
+  run.for_each(Stage::load, world.count, LoadInto<ToNextPass>{world.is_new, world.bodies, world.mass_ids, first});
   const auto passes = static_cast<std::uint32_t>(world.frame.iterations);
   for (std::uint32_t frame = 0; frame < frames; ++frame) {
     world.frame.substep.frame = frame;
@@ -115,8 +115,7 @@ void simulate_frames_by_levels(Run& run, LevelWorld& world, std::uint32_t frames
                                           world.to_next_pass(ends_frame, ends_frame && frame + 1 == frames));
     }
   }
-  run.for_each(Stage::store, world.count,
-               StoreLevelBodies{{world.state, world.constants.ids, world.bodies}, world.watch});
+  run.for_each(Stage::store, world.count, StoreLevelBodies{{world.state, world.mass_ids, world.bodies}, world.watch});
 }
 
 }  // namespace fastcollide

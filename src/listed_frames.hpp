@@ -71,7 +71,7 @@ class ListedFrames {
     }
     backend_.copy_to_host(&control_, std::as_const(device_control_).data(), 1);
     if (control_.state_swaps % 2 == 1) std::swap(state_, other_state_);
-    if (control_.sorts % 2 == 1) std::swap(constants_, other_constants_);
+    if (control_.sorts % 2 == 1) std::swap(mass_ids_, other_mass_ids_);
   }
 
   // On a GPU, one kernel for all frames; where the work of a stage is long beside a launch, a kernel for each stage,
@@ -111,7 +111,7 @@ class ListedFrames {
     const std::int64_t count = world.count;
     count_ = 0;  // nothing is known should memory run out on the way
     for (auto* state : {&state_, &other_state_}) state->resize(count, has_crowding, is_rough);
-    for (auto* constants : {&constants_, &other_constants_}) constants->resize(count, is_rough);
+    for (auto* mass_ids : {&mass_ids_, &other_mass_ids_}) mass_ids->resize(count);
     for (auto* buffer : {&cell_of_slot_, &rank_of_slot_, &sorted_cells_}) buffer->resize(count);
     queue_places_ = static_cast<std::uint32_t>(std::max<std::int64_t>(count / 16, 256));
     queues_.resize(2 * std::int64_t(queue_places_));
@@ -150,8 +150,8 @@ class ListedFrames {
   void set_pointers(ListedWorld& world) {
     world.state = state_.view();
     world.other_state = other_state_.view();
-    world.constants = constants_.view();
-    world.other_constants = other_constants_.view();
+    world.mass_ids = mass_ids_.data();
+    world.other_mass_ids = other_mass_ids_.data();
     world.built = built_.data();
     world.cell_of_slot = cell_of_slot_.data();
     world.rank_of_slot = rank_of_slot_.data();
@@ -178,7 +178,7 @@ class ListedFrames {
   typename B::template Buffer<ListControl> device_control_{backend_};
   ListedStages<B> stages_{backend_};
   SlotStateBuffers<B> state_{backend_}, other_state_{backend_};
-  SlotConstantBuffers<B> constants_{backend_}, other_constants_{backend_};
+  typename B::template Buffer<MassId> mass_ids_{backend_}, other_mass_ids_{backend_};
   typename B::template Buffer<Vec4> built_{backend_};
   typename B::template Buffer<ListCount> list_counts_{backend_};
   typename B::template Buffer<Vec3> velocity_change_{backend_}, turn_{backend_};

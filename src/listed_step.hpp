@@ -22,7 +22,7 @@ struct ListedWorld {
   bool is_new, must_load;  // slots that hold nothing yet; bodies that the slots do not know
   BodyArrays bodies;
   SlotState state, other_state;
-  SlotConstants constants, other_constants;
+  MassId *mass_ids, *other_mass_ids;
   Vec4* built;
   GridShape shape;
   std::int64_t cells;
@@ -38,7 +38,7 @@ struct ListedWorld {
   MemoryCopies memory;
 
   FC_HOST_DEVICE std::uint32_t contact_passes() const { return static_cast<std::uint32_t>(frame.iterations); }
-  FC_HOST_DEVICE GridView grid() const { return view_of(state, constants, count, period_of(frame.substep.box)); }
+  FC_HOST_DEVICE GridView grid() const { return view_of(state, mass_ids, count, period_of(frame.substep.box)); }
   // Where the pass with this turn writes. What it tells, the pass with the next turn reads.
   FC_HOST_DEVICE ToSlots output(std::uint32_t turn, bool is_repaired) const {
     const std::uint32_t mine = turn % 2;
@@ -59,10 +59,10 @@ struct ListedWorld {
     state = other_state;
     other_state = held;
   }
-  FC_HOST_DEVICE void swap_constants() {
-    const SlotConstants held = constants;
-    constants = other_constants;
-    other_constants = held;
+  FC_HOST_DEVICE void swap_mass_ids() {
+    MassId* held = mass_ids;
+    mass_ids = other_mass_ids;
+    other_mass_ids = held;
   }
 };
 
@@ -99,14 +99,10 @@ struct AdvanceSlots {
 };
 
 FC_HOST_DEVICE inline RecordLists record_lists_of(const ListedWorld& world) {
-  return {world.shape,
-          period_of(world.frame.substep.box),
-          world.cell_start,
-          world.state.position_radius,
-          world.constants.masses,
-          world.built,
-          world.skin,
-          world.lists,
+  return {world.shape,      period_of(world.frame.substep.box),
+          world.cell_start, world.state.position_radius,
+          world.mass_ids,   world.built,
+          world.skin,       world.lists,
           world.control};
 }
 
@@ -123,11 +119,11 @@ FC_HOST_DEVICE void make_lists(Run& run, ListedWorld& world, Progress& progress)
                             world.rank_of_slot,
                             world.cell_start,
                             world.skin,
-                            {world.state, world.other_state, world.constants, world.other_constants},
+                            {world.state, world.other_state, world.mass_ids, world.other_mass_ids},
                             world.built,
                             world.sorted_cells});
   world.swap_state();
-  world.swap_constants();
+  world.swap_mass_ids();
   ++progress.state_swaps;
   ++progress.sorts;
   progress.age = 0;
@@ -153,7 +149,7 @@ FC_HOST_DEVICE bool repair_lists(Run& run, ListedWorld& world, const Progress& p
   run.for_each(Stage::make_lists, std::int64_t(news.queued) * RepairLists::lanes,
                RepairLists{world.shape, period_of(world.frame.substep.box), world.cell_start,
                            world.queues + before * std::int64_t(world.queue_places), world.state.position_radius,
-                           world.constants.masses, world.built, world.skin, world.lists, world.control});
+                           world.mass_ids, world.built, world.skin, world.lists, world.control});
   run.alone(ForgetQueue{&world.control->news[before]});
   return run.read(&world.control->longest) <= world.lists.capacity;
 }
@@ -218,7 +214,7 @@ FC_HOST_DEVICE void simulate_listed_frames(Run& run, ListedWorld world) {
   if (world.must_load) {
     run.for_each(
         Stage::load, world.count,
-        LoadSlots{world.is_new, world.bodies, world.constants, world.state, world.output(progress.turn - 1, false)});
+        LoadSlots{world.is_new, world.bodies, world.mass_ids, world.state, world.output(progress.turn - 1, false)});
   }
   constexpr bool is_reference = solver == Solver::reference;
   const std::uint32_t passes = world.contact_passes() + (is_reference ? 1 : 0);  // with the flight of the reference
@@ -245,7 +241,7 @@ FC_HOST_DEVICE void simulate_listed_frames(Run& run, ListedWorld world) {
   }
   // Else the bodies stay as they were before the first of these frames.
   if (is_fine && progress.frame == world.frames) {
-    run.for_each(Stage::store, world.count, StoreBodies{world.state, world.constants.ids, world.bodies});
+    run.for_each(Stage::store, world.count, StoreBodies{world.state, world.mass_ids, world.bodies});
   }
   run.alone(StoreProgress{progress, control});
 }

@@ -23,22 +23,7 @@ struct SlotStateBuffers {
 
   typename B::template Buffer<Vec4> position_radius, velocity_restitution;
   typename B::template Buffer<float> crowding;
-  typename B::template Buffer<Vec3> spins;
-};
-
-template <Backend B>
-struct SlotConstantBuffers {
-  explicit SlotConstantBuffers(B& backend) : ids(backend), masses(backend), frictions(backend) {}
-
-  void resize(std::int64_t count, bool is_rough) {
-    ids.resize(count);
-    masses.resize(count);
-    frictions.resize(is_rough ? count : 0);
-  }
-  SlotConstants view() { return {ids.data(), masses.data(), frictions.size() > 0 ? frictions.data() : nullptr}; }
-
-  typename B::template Buffer<std::uint32_t> ids;
-  typename B::template Buffer<float> masses, frictions;
+  typename B::template Buffer<Spin> spins;
 };
 
 }  // namespace fastcollide

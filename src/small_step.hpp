@@ -28,13 +28,13 @@ struct SmallWorld {
 
   // In the memory of a block: see lay_out().
   SlotState state, other_state;
-  SlotConstants constants;
+  MassId* mass_ids;
   Vec3* velocity_change;
   std::uint32_t* pick;
   SmallLists lists;
   SmallNews* news;  // of all blocks: three in turn, that a pass reads, that it writes, and that the next one will write
 
-  FC_HOST_DEVICE GridView grid() const { return view_of(state, constants, count, period_of(frame.substep.box)); }
+  FC_HOST_DEVICE GridView grid() const { return view_of(state, mass_ids, count, period_of(frame.substep.box)); }
   FC_HOST_DEVICE ToSmallSlots to_slots(bool ends_frame, SmallNews* news_of_block) const {
     const Substep& step = frame.substep;
     return {other_state,
@@ -66,9 +66,7 @@ struct SmallWorld {
       take(copy->velocity_restitution, count);
       if (bodies.crowding != nullptr) take(copy->crowding, count);
     }
-    constants = {};
-    take(constants.ids, count);
-    take(constants.masses, count);
+    take(mass_ids, count);
     if (frame.solver == Solver::substep) {
       take(velocity_change, count);
       take(pick, count);
@@ -97,15 +95,14 @@ struct SendState {
 
 struct SendAll {
   SlotState state;
-  SlotConstants constants;
+  MassId* mass_ids;
 
   template <class Send>
   FC_HOST_DEVICE void operator()(const Send& send) const {
     send(state.position_radius);
     send(state.velocity_restitution);
     if (state.crowding != nullptr) send(state.crowding);
-    send(constants.ids);
-    send(constants.masses);
+    send(mass_ids);
   }
 };
 
@@ -125,7 +122,7 @@ struct SendGathered {
 template <bool has_walls, class Run>
 FC_HOST_DEVICE void make_small_lists(Run& run, const SmallWorld& world) {
   run.for_all(Stage::make_lists, world.count, BeginSmallLists{world.state, world.skin, world.lists, run.owned()});
-  RecordSmallLists record{world.constants.masses, world.count, period_of(world.frame.substep.box), world.skin.reach,
+  RecordSmallLists record{world.mass_ids, world.count, period_of(world.frame.substep.box), world.skin.reach,
                           world.lists};
   if constexpr (has_walls) record.assume_walls();
   run.for_own_shared(Stage::make_lists, record);
@@ -168,8 +165,8 @@ FC_HOST_DEVICE void simulate_small_world(Run& run, SmallWorld& world) {
   run.alone([&] {
     for (std::uint32_t i = 0; i < 3 * run.blocks(); ++i) world.news[i].is_stale = i < run.blocks() ? 1 : 0;
   });
-  run.for_each(Stage::load, LoadInto<ToSmallSlots>{true, world.bodies, world.constants, first},
-               SendAll{world.state, world.constants});
+  run.for_each(Stage::load, LoadInto<ToSmallSlots>{true, world.bodies, world.mass_ids, first},
+               SendAll{world.state, world.mass_ids});
   SmallNews *now = world.news, *next = now + run.blocks(), *after = next + run.blocks();
   for (frame = 0; frame < world.frames; ++frame) {
     for (int i = 0; i < world.frame.iterations; ++i) {
@@ -184,7 +181,7 @@ FC_HOST_DEVICE void simulate_small_world(Run& run, SmallWorld& world) {
   }
   run.wait_for_memory();
   if (run.read(&world.watch->first_fault) != no_fault) return;  // bodies stay as they were
-  run.for_own(Stage::store, StoreBodies{world.state, world.constants.ids, world.bodies});
+  run.for_own(Stage::store, StoreBodies{world.state, world.mass_ids, world.bodies});
 }
 
 }  // namespace fastcollide

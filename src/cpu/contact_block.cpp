@@ -133,10 +133,11 @@ FC_TARGET int collect(const GridView& grid, float margin, std::int64_t slot, con
     _mm256_storeu_ps(neighbor.velocity_x + k, velocity.x);
     _mm256_storeu_ps(neighbor.velocity_y + k, velocity.y);
     _mm256_storeu_ps(neighbor.velocity_z + k, velocity.z);
-    _mm256_storeu_ps(neighbor.mass + k, _mm256_i32gather_ps(grid.masses, others, 4));
+    _mm256_storeu_ps(neighbor.mass + k, _mm256_i32gather_ps(&grid.mass_ids->mass, others, sizeof(MassId)));
     _mm256_storeu_ps(neighbor.crowding + k, _mm256_i32gather_ps(grid.crowding, others, 4));
-    _mm256_storeu_si256(reinterpret_cast<__m256i*>(neighbor.ids + k),
-                        _mm256_i32gather_epi32(reinterpret_cast<const int*>(grid.ids), others, 4));
+    _mm256_storeu_si256(
+        reinterpret_cast<__m256i*>(neighbor.ids + k),
+        _mm256_i32gather_epi32(reinterpret_cast<const int*>(&grid.mass_ids->id), others, sizeof(MassId)));
     const Vec4 own_velocity = grid.velocity_restitution[slot];
     fill(self.x + k, here.x);
     fill(self.y + k, here.y);
@@ -145,9 +146,10 @@ FC_TARGET int collect(const GridView& grid, float margin, std::int64_t slot, con
     fill(self.velocity_x + k, own_velocity.x);
     fill(self.velocity_y + k, own_velocity.y);
     fill(self.velocity_z + k, own_velocity.z);
-    fill(self.mass + k, grid.masses[slot]);
+    fill(self.mass + k, grid.mass_ids[slot].mass);
     fill(self.crowding + k, grid.crowding[slot]);
-    _mm256_storeu_si256(reinterpret_cast<__m256i*>(self.ids + k), _mm256_set1_epi32(static_cast<int>(grid.ids[slot])));
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(self.ids + k),
+                        _mm256_set1_epi32(static_cast<int>(grid.mass_ids[slot].id)));
   }
   return end;
 }

@@ -52,7 +52,7 @@ struct GatherBlocks {
     constexpr std::int64_t far_ahead = 12;  // as lists lie apart, the processor does not see which comes next
     const GridView& grid = pass.grid;
     const NeighborLists& lists = pass.neighbors.lists;
-    if (!is_fixed(grid.masses[slot])) {
+    if (!is_fixed(grid.mass_ids[slot].mass)) {
       const auto listed = static_cast<std::int64_t>(lists.counts[slot].pending);
       if (listed > ContactBlock::size - members.pairs) return false;
       search::fetch_ahead(lists.of_row(std::min(slot + far_ahead, grid.count - 1)));
@@ -68,7 +68,7 @@ struct GatherBlocks {
     const std::int64_t slot = members.first + member;
     const GridView& grid = pass.grid;
     typename Pass::Sum sum = pass.nothing_yet();
-    if (!is_fixed(grid.masses[slot])) {
+    if (!is_fixed(grid.mass_ids[slot].mass)) {
       const typename Pass::Side self = pass.side_at(slot);
       const int begin = member > 0 ? members.pairs_end[member - 1] : 0;
       for (int i = begin; i < members.pairs_end[member]; ++i) add(self, i, block, sum);

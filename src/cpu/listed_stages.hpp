@@ -75,7 +75,7 @@ class ListedStages<CpuBackend> {
 
     Survey operator()(std::int64_t slot) const {
       const std::uint32_t* start = world.cell_start + world.sorted_cells[slot];
-      return {SizeInSkin{world}(slot), is_fixed(world.constants.masses[slot]) ? start[1] - start[0] : 0};
+      return {SizeInSkin{world}(slot), is_fixed(world.mass_ids[slot].mass) ? start[1] - start[0] : 0};
     }
   };
 
@@ -123,7 +123,7 @@ class ListedStages<CpuBackend> {
       }
     }
     void add(std::uint32_t owner, std::uint32_t entry) const {
-      if (is_fixed(world.constants.masses[owner])) return;  // nothing pushes it, so it asks for nobody
+      if (is_fixed(world.mass_ids[owner].mass)) return;  // nothing pushes it, so it asks for nobody
       const NeighborLists& lists = world.lists;
       const std::uint32_t place = atomic_add(&lists.counts[owner].pending, 1);
       if (place < lists.capacity) {

@@ -31,16 +31,17 @@ struct ApplyContacts {
     const bool is_touched = partner != pick_of_untouched;
     const Vec3 resting_change = is_touched ? velocity_change[slot] : Vec3{0, 0, 0};
     Vec3 position = self.position, velocity = self.velocity + resting_change;
-    Vec3 spin = spin_after_resting(slot, self.radius, is_touched);
+    Spin spin = spin_in_slot(grid, slot);
+    spin.rate = spin_after_resting(slot, self.radius, is_touched);
     if (is_fixed(self.mass)) return end_flight(slot, self, position + velocity * law.substep, velocity, spin);
     bool is_free = is_zero(resting_change);
     if (partner < pick_of_untouched &&
         (pick[partner] == static_cast<std::uint32_t>(slot) || pick[partner] == pick_of_fixed)) {
-      collide(slot, partner, position, velocity, spin, is_free);
+      collide(slot, partner, position, velocity, spin.rate, is_free);
     }
     auto visit_wall = [&](Vec3 normal, float depth, int side) {
       collide_with_wall(self, slot, normal, depth + dot(self.position - position, normal),
-                        wall_restitution(substep.wall, side, self.restitution), position, velocity, spin, is_free);
+                        wall_restitution(substep.wall, side, self.restitution), position, velocity, spin.rate, is_free);
     };
     // Most spheres are farther from all walls than an impact may have moved them.
     const Vec3 moved = self.position - position;
@@ -55,7 +56,8 @@ struct ApplyContacts {
     end_flight(slot, self, position, velocity, spin);
   }
 
-  FC_HOST_DEVICE void end_flight(std::int64_t slot, const Sphere& self, Vec3 position, Vec3 velocity, Vec3 spin) const {
+  FC_HOST_DEVICE void end_flight(std::int64_t slot, const Sphere& self, Vec3 position, Vec3 velocity,
+                                 const Spin& spin) const {
     if (!is_finite(position) || !is_finite(velocity)) {
       atomic_min(&watch->first_fault, fault_word(substep.frame, self.id, FaultKind::not_finite));
       position = self.position;  // where it can be, until the end of the frame tells
@@ -71,7 +73,7 @@ struct ApplyContacts {
 
   FC_HOST_DEVICE Vec3 spin_after_resting(std::int64_t slot, float radius, bool is_touched) const {
     if (turn == nullptr) return {0, 0, 0};
-    return grid.spins[slot] + (is_touched ? turn[slot] : Vec3{0, 0, 0}) * (1.0f / radius);
+    return grid.spins[slot].rate + (is_touched ? turn[slot] : Vec3{0, 0, 0}) * (1.0f / radius);
   }
 
   // The pair's impulse gives the normal velocity -e times that of the approach, whatever resting contacts did

@@ -31,15 +31,14 @@ struct FillSlots {
   const float* restitutions;
   const float* body_crowding;   // or null
   const Vec3* body_spins;       // or null
-  const float* body_frictions;  // or null
+  const float* body_frictions;  // likewise
   std::uint32_t* cell_start;    // or null: found already
   std::uint32_t* cell_end;
   Vec4* position_radius;
   Vec4* velocity_restitution;
-  float* masses;
+  MassId* mass_ids;
   float* crowding;
-  Vec3* spins;
-  float* frictions;
+  Spin* spins;
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
     const std::uint32_t cell = cells[slot];
@@ -51,10 +50,9 @@ struct FillSlots {
     const Vec3 position = positions[id], velocity = velocities[id];
     position_radius[slot] = {position.x, position.y, position.z, radii[id]};
     velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, restitutions[id]};
-    masses[slot] = body_masses[id];
+    mass_ids[slot] = {body_masses[id], id};
     if (body_crowding != nullptr) crowding[slot] = body_crowding[id];
-    if (body_spins != nullptr) spins[slot] = body_spins[id];
-    if (body_frictions != nullptr) frictions[slot] = body_frictions[id];
+    if (body_spins != nullptr) spins[slot] = {body_spins[id], body_frictions[id]};
   }
 };
 
@@ -74,10 +72,9 @@ void build_grid(B& backend, const Bodies<B>& bodies, const float* crowding, Grid
   for (auto* buffer : {&grid.unsorted_cells, &grid.unsorted_ids, &grid.cells, &grid.ids}) buffer->resize(count);
   for (auto* buffer : {&grid.cell_start, &grid.cell_end}) buffer->resize(cells + 1);
   for (auto* buffer : {&grid.position_radius, &grid.velocity_restitution}) buffer->resize(count);
-  grid.masses.resize(count);
+  grid.mass_ids.resize(count);
   grid.crowding.resize(crowding == nullptr ? 0 : count);
   grid.spins.resize(bodies.is_rough ? count : 0);
-  grid.frictions.resize(bodies.is_rough ? count : 0);
 
   backend.for_each(count, HashCells{grid.levels, bodies.positions.data(), bodies.radii.data(),
                                     grid.unsorted_cells.data(), grid.unsorted_ids.data()});
@@ -97,7 +94,7 @@ void build_grid(B& backend, const Bodies<B>& bodies, const float* crowding, Grid
                        bodies.radii.data(), bodies.masses.data(), bodies.restitutions.data(), crowding,
                        bodies.spins.data(), bodies.frictions.data(), has_levels ? nullptr : grid.cell_start.data(),
                        grid.cell_end.data(), grid.position_radius.data(), grid.velocity_restitution.data(),
-                       grid.masses.data(), grid.crowding.data(), grid.spins.data(), grid.frictions.data()});
+                       grid.mass_ids.data(), grid.crowding.data(), grid.spins.data()});
 }
 
 }  // namespace fastcollide

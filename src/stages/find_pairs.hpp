@@ -12,11 +12,11 @@ FC_HOST_DEVICE inline void visit_pairs_of(const GridView& grid, const CellNeighb
                                           Visit& visit) {
   const Vec4 here = grid.position_radius[slot];
   const Vec3 position{here.x, here.y, here.z};
-  const std::uint32_t id = grid.ids[slot];
+  const std::uint32_t id = grid.mass_ids[slot].id;
   auto visit_candidate = [&](std::int64_t other) {
     // In this order, as whether they overlap is easy to predict: mostly not.
     const Vec4 there = grid.position_radius[other];
-    if (overlaps(position, here.w, {there.x, there.y, there.z}, there.w, grid.period) && grid.ids[other] > id) {
+    if (overlaps(position, here.w, {there.x, there.y, there.z}, there.w, grid.period) && grid.mass_ids[other].id > id) {
       visit(other);
     }
   };
@@ -32,7 +32,7 @@ struct CountPairs {
     std::int64_t count = 0;
     auto visit = [&](std::int64_t) { ++count; };
     visit_pairs_of(grid, neighbors, slot, visit);
-    counts[grid.ids[slot]] = count;
+    counts[grid.mass_ids[slot].id] = count;
   }
 };
 
@@ -64,12 +64,12 @@ struct FillPairs {
   std::uint32_t* second;
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
-    const std::uint32_t id = grid.ids[slot];
+    const std::uint32_t id = grid.mass_ids[slot].id;
     const std::int64_t begin = offsets[id];
     std::int64_t next = begin;
     auto visit = [&](std::int64_t other) {
       first[next] = id;
-      second[next] = grid.ids[other];
+      second[next] = grid.mass_ids[other].id;
       ++next;
     };
     visit_pairs_of(grid, neighbors, slot, visit);

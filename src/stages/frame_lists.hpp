@@ -313,7 +313,7 @@ template <bool is_shared>
 struct RecordFrameLists {
   SortedSlots sorted;
   Vec3 period;
-  const float* masses;
+  const MassId* mass_ids;
   FrameLists lists;
   Drift drift;
   FrameControl* control;
@@ -325,7 +325,7 @@ struct RecordFrameLists {
   FC_HOST_DEVICE void operator()(std::int64_t row) const {
     if (row == 0) drift.end(control);
     const auto slot = static_cast<std::uint32_t>(row >> (is_shared ? lists.lane_bits : 0));
-    if (is_fixed(masses[slot])) return;  // nothing pushes it, so it asks for nobody
+    if (is_fixed(mass_ids[slot].mass)) return;  // nothing pushes it, so it asks for nobody
     const Vec4 self = sorted.balls[slot];
     const Vec3 position{self.x, self.y, self.z};
     const float range = sorted.search_range(self);
@@ -579,7 +579,8 @@ struct ToFrameSlots {
     ball = sorted.balls[slot];
     if (age > 0.0f) drifted = strays.control->drift * age;
   }
-  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
+  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity,
+                            const Spin& spin) const {
     to.position_radius[slot] = {position.x, position.y, position.z, sphere.radius};
     to.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, sphere.restitution};
     if (to.spins != nullptr) to.spins[slot] = spin;

@@ -87,7 +87,7 @@ struct GatherContacts {
     std::int64_t slot;
     Sphere sphere;
     float crowding;
-    Vec3 spin;
+    Spin spin;
   };
 
   FC_HOST_DEVICE Sphere load(std::int64_t slot) const { return falling_sphere_in_slot(grid, slot, substep.flight); }
@@ -137,7 +137,7 @@ struct GatherContacts {
   }
 
   FC_HOST_DEVICE void keep_impact(std::int64_t other, float met_at, Sum& sum) const {
-    sum.fastest.keep_faster({met_at, static_cast<std::uint32_t>(other), grid.ids[other]});
+    sum.fastest.keep_faster({met_at, static_cast<std::uint32_t>(other), grid.mass_ids[other].id});
   }
 
   // push, speed and part: of the ContactTerms.
@@ -147,7 +147,7 @@ struct GatherContacts {
     const Sphere &here = self.sphere, &there = neighbor.sphere;
     const float normal_push = larger(push, speed) * part, normal_change = larger(speed, 0.0f) * part;
     const float own_part = tangential_part(larger(fabsf(self.crowding), fabsf(neighbor.crowding)));
-    const float friction = friction_between(grid, self.slot, neighbor.slot), h = substep.law.substep;
+    const float friction = pair_friction(self.spin.friction, neighbor.spin.friction), h = substep.law.substep;
     const bool rolls = resists_rolling(substep, grid);
     if (!(normal_push > 0.0f && (friction > 0.0f || rolls))) return;
     const bool is_owner = MemoryPass::is_owner(here, there);
@@ -155,7 +155,7 @@ struct GatherContacts {
     const std::uint32_t place = is_owner && memory.is_kept() ? memory.to.take(here.id) : 0;
     ContactStretch stretch = memory.of_pair(here, there);
     if (friction > 0.0f) {
-      const PairSlip slip(here, there, self.spin, neighbor.spin, contact.depth);
+      const PairSlip slip(here, there, self.spin.rate, neighbor.spin.rate, contact.depth);
       const Vec3 before = velocity_in_slot(grid, self.slot) - velocity_in_slot(grid, neighbor.slot);
       const Hold held = hold(slip.at(here.velocity - there.velocity, normal), slip.at(before, normal), stretch.slide,
                              normal, normal_push, normal_change, friction, own_part, h);
@@ -166,7 +166,7 @@ struct GatherContacts {
     }
     if (rolls) {
       const RollingPair rolling(here, there);
-      const Hold held = hold_roll(self.spin - neighbor.spin, stretch.roll, normal_push, normal_change,
+      const Hold held = hold_roll(self.spin.rate - neighbor.spin.rate, stretch.roll, normal_push, normal_change,
                                   substep.law.rolling_friction * rolling.lever, own_part, h);
       stretch.roll = held.stretch;
       add_turn(sum, rolling.turn(held.change));
@@ -184,7 +184,7 @@ struct GatherContacts {
   FC_HOST_DEVICE void gather_walls(const Side& here, Sum& sum) const {
     const SoftContactLaw& law = substep.law;
     const Sphere& self = here.sphere;
-    const Vec3 spin = here.spin;
+    const Vec3 spin = here.spin.rate;
     const float known_crowding = here.crowding, crowding = fabsf(known_crowding);
     if (law.gravity == 0.0f) return;
     const float nearest = -law.impact_speed * law.substep;

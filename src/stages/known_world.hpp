@@ -9,7 +9,6 @@ template <bool is_rough, bool has_walls, class Pass>
 FC_HOST_DEVICE Pass in_known_world(Pass pass) {
   if constexpr (!is_rough) {
     pass.grid.spins = nullptr;
-    pass.grid.frictions = nullptr;
     pass.output.to.spins = nullptr;
     if constexpr (requires { pass.turn; }) pass.turn = nullptr;
     if constexpr (requires { pass.cleared; }) pass.cleared.rows = nullptr;

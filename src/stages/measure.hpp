@@ -165,14 +165,15 @@ Ledger measure_ledger(B& backend, Vec3 gravity, const Box& box, const Bodies<B>&
 
 // Two fixed spheres in contact never part.
 FC_HOST_DEVICE inline bool can_part(const GridView& grid, std::int64_t a, std::int64_t b) {
-  return !is_fixed(grid.masses[a]) || !is_fixed(grid.masses[b]);
+  return !is_fixed(grid.mass_ids[a].mass) || !is_fixed(grid.mass_ids[b].mass);
 }
 
 // Of two that are in contact, which was decided in double precision; measured in single.
 FC_HOST_DEVICE inline float overlap_of(const GridView& grid, std::int64_t slot, std::int64_t other) {
   const Vec4 here = grid.position_radius[slot], there = grid.position_radius[other];
-  const ContactGeometry contact = contact_geometry({here.x, here.y, here.z}, here.w, grid.ids[slot],
-                                                   {there.x, there.y, there.z}, there.w, grid.ids[other], grid.period);
+  const ContactGeometry contact =
+      contact_geometry({here.x, here.y, here.z}, here.w, grid.mass_ids[slot].id, {there.x, there.y, there.z}, there.w,
+                       grid.mass_ids[other].id, grid.period);
   return larger(contact.depth, 0.0f);
 }
 
@@ -190,7 +191,7 @@ FC_HOST_DEVICE inline float deepest_in_walls(const GridView& grid, std::int64_t 
   float deepest = 0.0f;
   auto visit_wall = [&](Vec3, float depth, bool) { deepest = larger(deepest, depth); };
   const Vec4 here = grid.position_radius[slot];
-  if (!is_fixed(grid.masses[slot])) visit_walls({here.x, here.y, here.z}, here.w, box, visit_wall);
+  if (!is_fixed(grid.mass_ids[slot].mass)) visit_walls({here.x, here.y, here.z}, here.w, box, visit_wall);
   return deepest;
 }
 

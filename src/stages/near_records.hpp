@@ -34,7 +34,7 @@ struct FindNear {
     }
     const Vec4 self = grid.position_radius[slot];
     count = 0;
-    const bool is_free = !is_fixed(grid.masses[slot]);
+    const bool is_free = !is_fixed(grid.mass_ids[slot].mass);
     if (is_free) count = neighbors.find_near(grid, slot, self, near);
     if (count > 0 && count != NearRecord::unknown) count = keep_meeting(slot, count, near);
     if (count > 0 || !is_free || deepest_in_walls({self.x, self.y, self.z}, self.w, box) > nearest_wall) return true;

@@ -149,7 +149,7 @@ struct RecordLists {
   Vec3 period;
   const std::uint32_t* cell_start;
   const Vec4* position_radius;
-  const float* masses;
+  const MassId* mass_ids;
   const Vec4* built;
   SkinLaw law;
   NeighborLists lists;
@@ -158,7 +158,7 @@ struct RecordLists {
   FC_HOST_DEVICE void operator()(std::int64_t row) const {
     const std::uint32_t slot = static_cast<std::uint32_t>(row / lists.lanes);
     const Lane lane{static_cast<int>(row % lists.lanes), static_cast<int>(lists.lanes)};
-    if (is_fixed(masses[slot])) {  // nothing pushes it, so it asks for nobody
+    if (is_fixed(mass_ids[slot].mass)) {  // nothing pushes it, so it asks for nobody
       lists.counts[row] = {0, 0};
       return;
     }
@@ -220,7 +220,8 @@ struct ToSlots {
   ListNews* news;
   bool is_repaired;  // whether the lists of all that were queued are made
 
-  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
+  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity,
+                            const Spin& spin) const {
     to.position_radius[slot] = {position.x, position.y, position.z, sphere.radius};
     to.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, sphere.restitution};
     if (to.spins != nullptr) to.spins[slot] = spin;
@@ -277,7 +278,7 @@ struct RepairLists {
   const std::uint32_t* cell_start;
   const QueuedSphere* queue;
   const Vec4* position_radius;
-  const float* masses;
+  const MassId* mass_ids;
   const Vec4* built;
   SkinLaw law;
   NeighborLists lists;
@@ -294,8 +295,8 @@ struct RepairLists {
       const Vec4 start = built[other];
       const Skinned there = skinned(start, position_radius[other].w);
       if (other == slot || !are_listed(self, there, period, law.reach)) return;
-      if (!is_fixed(masses[slot])) add(slot, other);
-      if (is_fixed(masses[other])) return;
+      if (!is_fixed(mass_ids[slot].mass)) add(slot, other);
+      if (is_fixed(mass_ids[other].mass)) return;
       // One that is queued too adds this one itself. One that was near before has it in its list already; one that was
       // not may still have it from an earlier time.
       const bool is_queued = start.w < 0.0f;

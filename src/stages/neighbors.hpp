@@ -19,18 +19,18 @@ struct ToBodies {
   Vec3* spins;      // or null: they do not change
   float* crowding;  // or null: of the default solver
 
-  FC_HOST_DEVICE void write(std::int64_t, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
+  FC_HOST_DEVICE void write(std::int64_t, const Sphere& sphere, Vec3 position, Vec3 velocity, const Spin& spin) const {
     positions[sphere.id] = position;
     velocities[sphere.id] = velocity;
-    if (spins != nullptr) spins[sphere.id] = spin;
+    if (spins != nullptr) spins[sphere.id] = spin.rate;
   }
   FC_HOST_DEVICE void write_crowding(std::int64_t, const Sphere& sphere, float value) const {
     crowding[sphere.id] = value;
   }
 };
 
-FC_HOST_DEVICE inline Vec3 spin_in_slot(const GridView& grid, std::int64_t slot) {
-  return grid.spins == nullptr ? Vec3{0, 0, 0} : grid.spins[slot];
+FC_HOST_DEVICE inline Spin spin_in_slot(const GridView& grid, std::int64_t slot) {
+  return grid.spins == nullptr ? Spin{} : grid.spins[slot];
 }
 
 }  // namespace fastcollide

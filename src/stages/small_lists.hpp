@@ -53,7 +53,7 @@ struct BeginSmallLists {
 };
 
 struct RecordSmallLists {
-  const float* masses;
+  const MassId* mass_ids;
   std::uint32_t count;
   Vec3 period;
   float reach;
@@ -61,7 +61,7 @@ struct RecordSmallLists {
 
   FC_HOST_DEVICE void assume_walls() { period = {0, 0, 0}; }
   FC_HOST_DEVICE void operator()(std::int64_t slot, Lane lane) const {
-    if (is_fixed(masses[slot])) return;  // nothing pushes it, so it asks for nobody
+    if (is_fixed(mass_ids[slot].mass)) return;  // nothing pushes it, so it asks for nobody
     const Vec4 self = lists.balls[slot];
     std::uint16_t* list = lists.of_slot(slot);
     const auto lanes = static_cast<std::uint32_t>(lane.count);
@@ -104,7 +104,7 @@ struct ToSmallSlots {
     period = {0, 0, 0};
     fastcollide::assume_walls(advance.box);
   }
-  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3) const {
+  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, const Spin&) const {
     if (must_advance) advance(sphere.id, sphere.radius, sphere.mass, sphere.restitution, position, velocity);
     to.position_radius[slot] = {position.x, position.y, position.z, sphere.radius};
     to.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, sphere.restitution};

@@ -35,7 +35,8 @@ struct ToNextFrame {
     fastcollide::assume_walls(counter.shape);
     fastcollide::assume_walls(advance.box);
   }
-  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
+  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity,
+                            const Spin& spin) const {
     if (must_advance && !is_last) {
       AdvanceSphere next = advance;
       next.frame = control->next_frame;
@@ -59,7 +60,8 @@ struct ToFlyingSlots : ToFrameSlots {
     ToFrameSlots::assume_walls();
     fastcollide::assume_walls(advance.box);
   }
-  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
+  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity,
+                            const Spin& spin) const {
     AdvanceSphere next = advance;
     next.frame = strays.control->frame + next_frame;
     next(sphere.id, sphere.radius, sphere.mass, sphere.restitution, position, velocity);

@@ -30,7 +30,8 @@ struct ToNextPass {
   bool must_advance, must_count;
 
   FC_HOST_DEVICE void assume_walls() { fastcollide::assume_walls(advance.box); }
-  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity, Vec3 spin) const {
+  FC_HOST_DEVICE void write(std::int64_t slot, const Sphere& sphere, Vec3 position, Vec3 velocity,
+                            const Spin& spin) const {
     if (must_advance) advance(sphere.id, sphere.radius, sphere.mass, sphere.restitution, position, velocity);
     to.position_radius[slot] = {position.x, position.y, position.z, sphere.radius};
     to.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, sphere.restitution};

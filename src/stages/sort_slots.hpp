@@ -20,46 +20,42 @@ struct BodyArrays {
 struct LoadSlots {
   bool is_new;  // slots that hold nothing yet
   BodyArrays bodies;
-  SlotConstants constants;
+  MassId* mass_ids;
   SlotState state;
   ToSlots output;  // of the same state
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
-    const std::uint32_t id = is_new ? static_cast<std::uint32_t>(slot) : constants.ids[slot];
+    const std::uint32_t id = is_new ? static_cast<std::uint32_t>(slot) : mass_ids[slot].id;
     const Vec3 position = bodies.positions[id], velocity = bodies.velocities[id];
     const float radius = bodies.radii[id];
     if (is_new) {
       output.news->is_stale = 1;
       output.built[slot] = {position.x, position.y, position.z, 1e30f};  // nothing to leave before the first lists
     } else if (state.position_radius[slot].w != radius || output.has_left(output.built[slot], position) ||
-               is_fixed(constants.masses[slot]) != is_fixed(bodies.masses[id])) {
+               is_fixed(mass_ids[slot].mass) != is_fixed(bodies.masses[id])) {
       // The arrays are the user's: spheres may have been moved, blown up or let loose since the lists were made.
       output.news->is_stale = 1;
     }
     state.position_radius[slot] = {position.x, position.y, position.z, radius};
     state.velocity_restitution[slot] = {velocity.x, velocity.y, velocity.z, bodies.restitutions[id]};
-    constants.ids[slot] = id;
-    constants.masses[slot] = bodies.masses[id];
+    mass_ids[slot] = {bodies.masses[id], id};
     if (state.crowding != nullptr) state.crowding[slot] = bodies.crowding[id];
-    if (state.spins != nullptr) {
-      state.spins[slot] = bodies.spins[id];
-      constants.frictions[slot] = bodies.frictions[id];
-    }
+    if (state.spins != nullptr) state.spins[slot] = {bodies.spins[id], bodies.frictions[id]};
   }
 };
 
 struct StoreBodies {
   SlotState state;
-  const std::uint32_t* ids;
+  const MassId* mass_ids;
   BodyArrays bodies;
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
-    const std::uint32_t id = ids[slot];
+    const std::uint32_t id = mass_ids[slot].id;
     const Vec4 a = state.position_radius[slot], b = state.velocity_restitution[slot];
     bodies.positions[id] = {a.x, a.y, a.z};
     bodies.velocities[id] = {b.x, b.y, b.z};
     if (state.crowding != nullptr) bodies.crowding[id] = state.crowding[slot];
-    if (state.spins != nullptr) bodies.spins[id] = state.spins[slot];
+    if (state.spins != nullptr) bodies.spins[id] = state.spins[slot].rate;
   }
 };
 
@@ -82,18 +78,15 @@ struct CountCells {
 // A slot on its way into another order.
 struct SlotMove {
   SlotState from, to;
-  SlotConstants from_constants, to_constants;
+  const MassId* from_mass_ids;
+  MassId* to_mass_ids;
 
   FC_HOST_DEVICE void operator()(std::int64_t slot, std::uint32_t place) const {
     to.position_radius[place] = from.position_radius[slot];
     to.velocity_restitution[place] = from.velocity_restitution[slot];
-    to_constants.ids[place] = from_constants.ids[slot];
-    to_constants.masses[place] = from_constants.masses[slot];
+    to_mass_ids[place] = from_mass_ids[slot];
     if (from.crowding != nullptr) to.crowding[place] = from.crowding[slot];
-    if (from.spins != nullptr) {
-      to.spins[place] = from.spins[slot];
-      to_constants.frictions[place] = from_constants.frictions[slot];
-    }
+    if (from.spins != nullptr) to.spins[place] = from.spins[slot];
   }
   FC_HOST_DEVICE Vec3 velocity_of(std::int64_t slot) const {
     const Vec4 velocity = from.velocity_restitution[slot];
@@ -124,21 +117,17 @@ template <class Output>
 struct LoadInto {
   bool is_new;  // slots that hold nothing yet
   BodyArrays bodies;
-  SlotConstants constants;
+  MassId* mass_ids;
   Output output;
 
   FC_HOST_DEVICE void operator()(std::int64_t slot) const {
-    const std::uint32_t id = is_new ? static_cast<std::uint32_t>(slot) : constants.ids[slot];
+    const std::uint32_t id = is_new ? static_cast<std::uint32_t>(slot) : mass_ids[slot].id;
     const Sphere sphere{bodies.positions[id],    bodies.radii[id],  bodies.velocities[id],
                         bodies.restitutions[id], bodies.masses[id], id};
-    constants.ids[slot] = id;
-    constants.masses[slot] = sphere.mass;
+    mass_ids[slot] = {sphere.mass, id};
     if (output.to.crowding != nullptr) output.to.crowding[slot] = bodies.crowding[id];
-    Vec3 spin{0, 0, 0};
-    if (output.to.spins != nullptr) {
-      spin = bodies.spins[id];
-      constants.frictions[slot] = bodies.frictions[id];
-    }
+    Spin spin{};
+    if (output.to.spins != nullptr) spin = {bodies.spins[id], bodies.frictions[id]};
     output.write(slot, sphere, sphere.position, sphere.velocity, spin);
   }
 };

@@ -63,7 +63,7 @@ FC_HOST_DEVICE inline bool is_near(const Sphere& self, const GridView& grid, std
 
 // A world without friction has no array of it.
 FC_HOST_DEVICE inline float friction_between(const GridView& grid, std::int64_t a, std::int64_t b) {
-  return grid.frictions == nullptr ? 0.0f : pair_friction(grid.frictions[a], grid.frictions[b]);
+  return grid.spins == nullptr ? 0.0f : pair_friction(grid.spins[a].friction, grid.spins[b].friction);
 }
 
 // Where friction works on a contact as well, even one that carries little has to count in full: with three quarters,
