@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "../physics/mass.hpp"
+#include "../math.hpp"
 #include "lanes.cuh"
 
 namespace fastcollide {
@@ -111,7 +111,7 @@ __device__ typename Pass::Sum gather_by_pairs(const Pass& pass, const Here& here
                                               const Sphere& self, std::int64_t slot, bool is_mine) {
   const Lane lane{static_cast<int>(threadIdx.x % lanes), lanes};
   auto sum = here.nothing_yet();
-  bool has_more = is_mine && !is_fixed(self.mass);
+  bool has_more = is_mine && here.is_free(self);
   for (std::uint32_t round = 0; __any_sync(0xFFFFFFFFu, has_more); ++round) {
     std::uint32_t found = 0;
     auto keep = [&](std::uint32_t other) {
@@ -143,7 +143,7 @@ __device__ typename Pass::Sum gather_by_pairs_as_found(const Pass& pass,
   const auto flush = [&](std::uint32_t found) {
     add_pairs<lanes>(pass, shared, static_cast<std::uint32_t>(slot), found, sum);
   };
-  here.neighbors.search(here.grid, slot, self.position, lane, is_mine && !is_fixed(self.mass), near, places_for_near,
+  here.neighbors.search(here.grid, slot, self.position, lane, is_mine && here.is_free(self), near, places_for_near,
                         flush);
   if (is_mine && lane.index == 0) here.add_walls(self, slot, sum);
   return sum;

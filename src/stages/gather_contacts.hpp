@@ -96,11 +96,12 @@ struct GatherContacts {
     return {slot, sphere, grid.crowding[slot], spin_in_slot(grid, slot)};
   }
 
+  FC_HOST_DEVICE static bool is_free(const Sphere& sphere) { return !is_fixed(sphere.mass); }
   FC_HOST_DEVICE Sum gather(std::int64_t slot, Lane lane) const { return gather(load(slot), slot, lane); }
   FC_HOST_DEVICE Sum gather(const Sphere& sphere, std::int64_t slot, Lane lane) const {
     const Side self = side_of(sphere, slot);
     Sum sum = nothing_yet();
-    if (is_fixed(sphere.mass)) return sum;
+    if (!is_free(sphere)) return sum;
     auto visit = [&](std::int64_t other) {
       if (is_near(sphere, grid, other, substep.law.opening_margin)) add_pair(self, side_at(other), sum);
     };
@@ -118,7 +119,7 @@ struct GatherContacts {
     }
   }
   FC_HOST_DEVICE void add_walls(const Sphere& sphere, std::int64_t slot, Sum& sum) const {
-    if (!is_fixed(sphere.mass)) gather_walls(side_of(sphere, slot), sum);
+    if (is_free(sphere)) gather_walls(side_of(sphere, slot), sum);
   }
 
   FC_HOST_DEVICE void add_pair(const Side& self, const Side& neighbor, Sum& sum) const {
