@@ -18,6 +18,15 @@ struct LanesTogether {
   unsigned lanes = __activemask();
 #endif
 
+  // Whoever else comes here now: all lanes of the warp will.
+  FC_HOST_DEVICE static LanesTogether of_warp() {
+    LanesTogether together;
+#if defined(__CUDA_ARCH__)
+    together.lanes = 0xFFFFFFFFu;
+#endif
+    return together;
+  }
+
   FC_HOST_DEVICE bool any(bool is_so) const {
 #if defined(__CUDA_ARCH__)
     return __any_sync(lanes, is_so) != 0;

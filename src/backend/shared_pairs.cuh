@@ -143,8 +143,8 @@ __device__ typename Pass::Sum gather_by_pairs_as_found(const Pass& pass,
   const auto flush = [&](std::uint32_t found) {
     add_pairs<lanes>(pass, shared, static_cast<std::uint32_t>(slot), found, sum);
   };
-  here.neighbors.search(here.grid, slot, self.position, lane, is_mine && here.is_free(self), near, places_for_near,
-                        flush);
+  here.neighbors.search(here.grid, slot, self.position, lane, LanesTogether::of_warp(), is_mine && here.is_free(self),
+                        near, places_for_near, flush);
   if (is_mine && lane.index == 0) here.add_walls(self, slot, sum);
   return sum;
 }

@@ -78,7 +78,7 @@ struct LevelNeighbors {
     const auto flush = [&](std::uint32_t found) {
       for (std::uint32_t i = 0; i < found; ++i) visit(kept[i]);
     };
-    search(grid, slot, position, lane, true, near, most, flush);
+    search(grid, slot, position, lane, LanesTogether{}, true, near, most, flush);
   }
 
   // Near ones are kept, near(0) and so on, until there are many, or no more: to find them takes each lane of a GPU
@@ -86,8 +86,8 @@ struct LevelNeighbors {
   // row for those that need one, and then some candidates of each lane. All of them call flush(found) when one has less
   // room than that, and at the end. One that `keeps` none finds none.
   template <class Near, class Flush>
-  FC_HOST_DEVICE void search(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane, bool keeps,
-                             const Near& near, std::uint32_t most, const Flush& flush) const {
+  FC_HOST_DEVICE void search(const GridView& grid, std::int64_t slot, Vec3 position, Lane lane, LanesTogether together,
+                             bool keeps, const Near& near, std::uint32_t most, const Flush& flush) const {
 #if defined(__CUDA_ARCH__)
     constexpr std::uint32_t at_once = 4;  // candidates that a lane waits for together
 #else
@@ -96,7 +96,6 @@ struct LevelNeighbors {
     std::uint32_t found = 0;
     const auto self = static_cast<std::uint32_t>(slot);
     const float radius = grid.position_radius[slot].w;
-    const LanesTogether together;
     const int count = levels->count;
     for (int k = 0; k < count; ++k) {
       const CellLevel& level = levels->levels[k];
