@@ -148,6 +148,26 @@ def test_more_rough_contacts_than_a_row_holds(device, fixed):
     assert_equal_memory(worlds)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_each_of_many_partners_is_remembered(device, method, tmp_path):
+    """A sphere slips over a ring of fixed ones, over all alike: what it remembers of each is the same, whether in its
+    row or beyond it, and before and after it was saved."""
+    angle = np.arange(24) * 2 * np.pi / 24
+    world = fc.World(((-1, -1, 0), (1, 1, 2)), device=device, method=method)
+    ring = np.stack([0.2 * np.cos(angle), 0.2 * np.sin(angle), np.full(24, 0.35)], axis=-1)
+    world.add(position=ring, radius=0.05, mass=np.inf, friction=0.5)
+    world.add(position=(0, 0, 0.5), radius=0.205, spin=(0, 0, 0.2), friction=0.5)
+    worlds = [world]
+    for _ in range(3):
+        for world in worlds:
+            world.step(1, 1e-4)
+        assert assert_equal_memory(worlds) == 24
+        slides = np.linalg.norm(worlds[-1]._world.save()["contact_slide"].reshape(-1, 3), axis=1)
+        np.testing.assert_allclose(slides, slides.max(), rtol=1e-4)
+        worlds[0].save(tmp_path / "ring.fc")
+        worlds = [worlds[0], fc.World.load(tmp_path / "ring.fc", device=device)]
+
+
 def test_open_space_far_from_the_origin(device, solver):
     bounds = ((5000, -7000, 900), (5004, -6996, 904))
     spheres = fc.random_spheres(800, bounds, seed=4, radius=(0.1, 0.3), speed=(20, 20, 20))
