@@ -1,5 +1,6 @@
 """What all tests share: the devices that they run on, and the folder that their common modules are found in."""
 
+import signal
 import sys
 from pathlib import Path
 
@@ -10,6 +11,9 @@ from hypothesis import settings
 
 # Test files are imported by path; what several of them need (the oracle, the golden scenes) is imported from here.
 sys.path.insert(0, str(Path(__file__).parent))
+
+# What a shell without job control runs in the background ignores Ctrl-C, and so would all that tests start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("repeatable", deadline=None, derandomize=True, database=None)
 settings.load_profile("repeatable")
