@@ -6,7 +6,7 @@
 
 #include "contact_memory.hpp"
 #include "grid_shape.hpp"
-#include "host_run.hpp"
+#include "level_stages.hpp"
 #include "level_step.hpp"
 #include "slot_buffers.hpp"
 
@@ -121,7 +121,7 @@ Watch LevelRuns<B>::run(const FrameParameters& frame, std::int64_t frames, const
   backend_.copy_to_device(watch_.data(), &watch, 1);
   backend_.copy_to_device(levels_.data(), &levels, 1);
   world.memory = memory.start_run(watch_.data(), frames * frame.iterations);
-  HostRun<B> run(backend_, timer);
+  LevelRun<B> run(backend_, timer);
   call_for_world(bodies.spins != nullptr, frame.substep.box, [&]<bool is_rough, bool has_walls>() {
     simulate_frames_by_levels<is_rough, has_walls>(run, world, static_cast<std::uint32_t>(frames));
   });

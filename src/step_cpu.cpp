@@ -1,5 +1,6 @@
 // The engine, the renderer and the random start on CPU threads.
 #include "backend/cpu.hpp"
+#include "cpu/level_stages.hpp"
 #include "cpu/listed_stages.hpp"
 #include "engine.hpp"
 #include "render/render_engine.hpp"

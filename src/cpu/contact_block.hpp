@@ -9,7 +9,7 @@
 namespace fastcollide {
 
 struct ContactBlock {
-  static constexpr int size = 128;
+  static constexpr int size = 256;
   static constexpr int room = size + 8;  // vectors may be written up to their end
   using Numbers = float[room];
   using Words = std::uint32_t[room];

@@ -5,14 +5,24 @@
 #include <algorithm>
 
 #include "../stages/gather_contacts.hpp"
-#include "../stages/neighbor_lists.hpp"
+#include "../stages/level_neighbors.hpp"
 #include "contact_block.hpp"
 
 namespace fastcollide {
 
-template <class Output>
+// Slots cut into parts, as a group of things that are worth a slab each: of more than one lane.
+struct SlotParts {
+  SlotParts(std::int64_t first, std::int64_t slots)
+      : first(first), slots(slots), count(std::clamp<std::int64_t>(slots / 256, 1, 64)) {}
+  std::int64_t begin(std::int64_t part) const { return first + slots * part / count; }
+  SlotGroups as_groups() const { return {{{0, count, 8}}, 1}; }
+
+  std::int64_t first, slots, count;
+};
+
+template <class Neighbors, class Output>
 struct GatherBlocks {
-  using Pass = GatherContacts<ListedNeighbors, Output>;
+  using Pass = GatherContacts<Neighbors, Output>;
 
   const Pass& pass;
   BlockFunctions functions;
@@ -47,21 +57,51 @@ struct GatherBlocks {
     int pairs_end[most];
   };
 
-  // False where the block has too little room for all in the list.
+  // False where the block has too little room for all who are near.
   bool collect(std::int64_t slot, Members& members, ContactBlock& block) const {
-    constexpr std::int64_t far_ahead = 12;  // as lists lie apart, the processor does not see which comes next
     const GridView& grid = pass.grid;
-    const NeighborLists& lists = pass.neighbors.lists;
-    if (!is_fixed(grid.mass_ids[slot].mass)) {
-      const auto listed = static_cast<std::int64_t>(lists.counts[slot].pending);
-      if (listed > ContactBlock::size - members.pairs) return false;
-      search::fetch_ahead(lists.of_row(std::min(slot + far_ahead, grid.count - 1)));
-      pass.neighbors.publish(slot);
-      members.pairs = functions.collect(grid, pass.substep.law.opening_margin, slot, lists.of_row(slot),
-                                        static_cast<int>(listed), members.pairs, block);
-    }
-    members.pairs_end[members.count++] = members.pairs;
+    int end = members.pairs;
+    bool has_room = true;
+    auto take = [&](const std::uint32_t* list, int listed) {
+      has_room = listed <= ContactBlock::size - end;
+      if (has_room) {
+        end = functions.collect(grid, pass.substep.law.opening_margin, slot, list, listed, end, block);
+      }
+      return has_room;
+    };
+    if (!is_fixed(grid.mass_ids[slot].mass)) look_through(pass.neighbors, slot, take);
+    if (!has_room) return false;
+    members.pairs = members.pairs_end[members.count++] = end;
     return true;
+  }
+
+  // Calls take(list, listed) with all who may be near, until it returns false.
+  template <class Take>
+  void look_through(const ListedNeighbors& neighbors, std::int64_t slot, Take& take) const {
+    constexpr std::int64_t far_ahead = 12;  // as lists lie apart, the processor does not see which comes next
+    const NeighborLists& lists = neighbors.lists;
+    search::fetch_ahead(lists.of_row(std::min(slot + far_ahead, pass.grid.count - 1)));
+    neighbors.publish(slot);
+    const std::uint32_t listed = lists.counts[slot].pending;
+    take(lists.of_row(slot), static_cast<int>(std::min<std::uint32_t>(listed, ContactBlock::size + 1)));
+  }
+  template <class Take>
+  void look_through(const LevelNeighbors& neighbors, std::int64_t slot, Take& take) const {
+    constexpr int some = 64;
+    std::uint32_t list[some];
+    int listed = 0;
+    auto add = [&](std::uint32_t begin, std::uint32_t end) {
+      for (std::uint32_t other = begin; other < end; ++other) {
+        if (other == slot) continue;
+        list[listed++] = other;
+        if (listed < some) continue;
+        if (!take(list, some)) return false;
+        listed = 0;
+      }
+      return true;
+    };
+    neighbors.visit_runs(pass.grid, slot, add);
+    if (listed > 0 && listed < some) take(list, listed);
   }
 
   void finish(int member, const Members& members, const ContactBlock& block) const {

@@ -31,7 +31,7 @@ class ListedStages<CpuBackend> {
     const bool is_crowded = survey.beside_fixed > most_beside_fixed * count;
     if (is_crowded || meets_twice(input)) return run.for_each(Stage::make_lists, count, record_lists_of(world));
     run.for_each(Stage::make_lists, count, Begin{world, numbers_.data(), slots_.data(), stride_});
-    const Parts parts(count);
+    const SlotParts parts(0, count);
     run.for_each_of_groups(Stage::make_lists, parts.as_groups(), Search{input, search_slots_, world, parts});
     run.for_each(Stage::make_lists, count, End{world.lists});
   }
@@ -43,8 +43,8 @@ class ListedStages<CpuBackend> {
   template <class Run>
   void pass_contacts(Run& run, Stage stage, std::int64_t count, const GatherContacts<ListedNeighbors, ToSlots>& pass) {
     if (!functions_) return run.for_each(stage, count, pass);
-    const Parts parts(count);
-    const GatherBlocks<ToSlots> gather{pass, *functions_};
+    const SlotParts parts(0, count);
+    const GatherBlocks<ListedNeighbors, ToSlots> gather{pass, *functions_};
     run.for_each_of_groups(stage, parts.as_groups(),
                            [&](std::int64_t part) { gather(parts.begin(part), parts.begin(part + 1)); });
   }
@@ -96,21 +96,11 @@ class ListedStages<CpuBackend> {
     }
   };
 
-  // Slots cut into parts, as a group of things that are worth a slab each: of more than one lane.
-  struct Parts {
-    explicit Parts(std::int64_t slots) : count(std::clamp<std::int64_t>(slots / 256, 1, 64)), slots(slots) {}
-    std::int64_t begin(std::int64_t part) const { return slots * part / count; }
-
-    SlotGroups as_groups() const { return {{{0, count, 8}}, 1}; }
-
-    std::int64_t count, slots;
-  };
-
   struct Search {
     const search::SlotSearch<float>& input;
     search::SearchSlots<float> search_slots;
     const ListedWorld& world;
-    Parts parts;
+    SlotParts parts;
 
     void operator()(std::int64_t part) const {
       search_slots(input, parts.begin(part), parts.begin(part + 1), {const_cast<Search*>(this), take});

@@ -81,6 +81,23 @@ struct LevelNeighbors {
     search(grid, slot, position, lane, LanesTogether{}, true, near, most, flush);
   }
 
+  // Calls visit(begin, end) with slots among which are all that are near, as long as that returns true.
+  template <class Visit>
+  FC_HOST_DEVICE void visit_runs(const GridView& grid, std::int64_t slot, Visit& visit) const {
+    const Vec4 self = grid.position_radius[slot];
+    const Vec3 position{self.x, self.y, self.z};
+    for (int k = 0; k < levels->count; ++k) {
+      const CellLevel& level = levels->levels[k];
+      const float largest = level.largest_radius;
+      BallSearch search;
+      search.start(level, position, self.w + margin_of_pair(self.w, largest, levels->margin) + largest, Lane{});
+      std::uint32_t begin, end;
+      while (search.next_run(level, cell_start, cell_end, position, Lane{}, begin, end)) {
+        if (begin != end && !visit(begin, end)) return;
+      }
+    }
+  }
+
   // Near ones are kept, near(0) and so on, until there are many, or no more: to find them takes each lane of a GPU
   // another way, to work on them does not. On the way to them the lanes of a warp go in step, too: each step is a new
   // row for those that need one, and then some candidates of each lane. All of them call flush(found) when one has less
