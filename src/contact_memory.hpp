@@ -50,8 +50,9 @@ class ContactMemory {
   bool had_room(const Watch& watch) {
     const WantedHashes& wanted = watch.memory_wanted;
     if (wanted.now == 0) return true;
-    if (wanted.now > most_hashes)
+    if (wanted.now > most_hashes) {
       throw OutOfMemory("more rough contacts than their memory can have: 2^31 in its table");
+    }
     want_hashes(std::max(wanted.now, wanted.soon));
     needed_hashes_ = hashes_;
     return false;
@@ -112,8 +113,9 @@ class ContactMemory {
     std::vector<std::int64_t> sizes(static_cast<std::size_t>(count), 0);
     for (std::uint32_t owner : state.owner) ++sizes[owner];
     std::uint64_t in_table = 0;
-    for (std::int64_t size : sizes)
+    for (std::int64_t size : sizes) {
       in_table += static_cast<std::uint64_t>(std::max<std::int64_t>(size - places_in_row, 0));
+    }
     want_hashes(4 * in_table);
     resize(count, width);
 

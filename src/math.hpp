@@ -166,6 +166,16 @@ FC_HOST_DEVICE inline Word atomic_add(Word* target, std::type_identity_t<Word> v
 #endif
 }
 
+// What is there while others may change it.
+template <class Word>
+FC_HOST_DEVICE inline Word atomic_read(Word* source) {
+#if defined(__CUDACC__)
+  return *static_cast<volatile Word*>(source);
+#else
+  return std::atomic_ref<Word>(*source).load(std::memory_order_relaxed);
+#endif
+}
+
 // Puts a value in and returns what was there.
 template <class Word>
 FC_HOST_DEVICE inline Word atomic_exchange(Word* target, std::type_identity_t<Word> value) {

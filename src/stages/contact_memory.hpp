@@ -69,9 +69,9 @@ struct MemoryTable {
       const std::uint64_t about = std::uint64_t(atomic_add(counted, 1) + 1) << bits_of_uncounted;
       if (2 * about > hashes) atomic_max(&wanted->soon, 4 * about);
     }
-    *is_used = 1;
+    atomic_max(is_used, 1);
     // To look for a place in a full table takes long.
-    if (*static_cast<volatile std::uint64_t*>(&wanted->now) > hashes) return nullptr;
+    if (atomic_read(&wanted->now) > hashes) return nullptr;
     const std::uint32_t first = hash & (hashes - 1);
     for (std::uint32_t step = 0; step + 1 < most_steps; ++step) {
       if (atomic_compare_exchange(keys + first + step, 0, key_of(owner, partner)) == 0) return entry(first + step);
