@@ -127,11 +127,14 @@ class ContactMemory {
     const MemoryTable table{
         keys.data(), table_entries.data(), counts, counts + 1, static_cast<std::uint32_t>(copies_[0].hashes), width};
     const MemoryRows host{rows.data(), entries.data(), table};
-    WantedHashes wanted;  // more: there are four times as many as entries
+    WantedHashes wanted;
     for (std::size_t i = 0; i < state.owner.size(); ++i) {
       const std::uint32_t owner = state.owner[i];
       const Vec3 roll = width > 1 ? vector_at(state.roll, i) : Vec3{0, 0, 0};
-      host.put(owner, host.take(owner), state.partner[i], {vector_at(state.slide, i), roll}, &wanted);
+      if (host.put(owner, host.take(owner), state.partner[i], {vector_at(state.slide, i), roll}, &wanted)) continue;
+      want_hashes(2 * static_cast<std::uint64_t>(copies_[0].hashes));  // entries lay too close together
+      renew_table(copies_[0]);
+      return restore(state, count, width);
     }
     const auto write = [&](auto& buffer, const auto& from) {
       backend_.copy_to_device(buffer.data(), from.data(), static_cast<std::int64_t>(from.size()));

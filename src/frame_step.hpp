@@ -24,7 +24,7 @@ struct FrameWorld {
   std::uint32_t frames_of_lists;  // in which they are kept
   std::int64_t count;
   bool is_new;        // slots that hold nothing yet
-  bool shares_pairs;  // rough, and lanes may share the pairs of other spheres than their own
+  bool shares_pairs;  // rough, and where four lanes have a sphere they share the pairs of their warp
   BodyArrays bodies;
   SlotState state, other_state;
   MassId *mass_ids, *other_mass_ids;

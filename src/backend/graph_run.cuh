@@ -94,7 +94,7 @@ __device__ void run_by_warp(const Pass& pass, std::int64_t slot, SharedByWarps& 
 
 // `lanes` threads of a warp share one sphere. 72 registers, or 80 where few spheres leave room on the device: more
 // threads wait for memory at the same time. A rough pass gets 128, as it would keep too much in memory with fewer.
-// The first blocks help strays.
+// The first blocks help strays. shares: the pairs of a warp, see shared_pairs.cuh.
 template <int lanes, bool shares, class Pass>
 __global__ void __launch_bounds__(graph_run_threads, Pass::has_friction ? 4
                                                      : lanes == 8       ? 6

@@ -246,7 +246,7 @@ struct ToSlots {
   FC_HOST_DEVICE void leave(std::int64_t slot, Vec4 start, Vec3 position, Vec3 velocity, bool is_queued) const {
     if (!is_queued) {
       // Reads before it writes: where all leave at once, they would wait for the same word.
-      if (*const_cast<const volatile std::uint32_t*>(&news->queued) > queue_places) return;
+      if (atomic_read(&news->queued) > queue_places) return;
       const std::uint32_t place = atomic_add(&news->queued, 1);
       if (place >= queue_places) return;
       queue[place] = {{start.x, start.y, start.z, fabsf(start.w)}, static_cast<std::uint32_t>(slot)};
