@@ -210,6 +210,12 @@ struct Watch {
   WantedHashes memory_wanted;
 };
 
+// What became of a run: it may have ended before all its frames.
+struct RunResult {
+  Watch watch;
+  std::int64_t frames = 0;
+};
+
 // A sphere that flies farther than its radius in one step, from one look at its neighbours to the next, may pass
 // through another one unseen.
 FC_HOST_DEVICE inline void watch_flight(Watch* watch, std::uint32_t id, Vec3 flight, float radius) {

@@ -211,19 +211,23 @@ class EngineOn final : public Engine {
       if (go_on && !go_on()) return done;
       const std::int64_t some = std::min(frames - done, frames_of_next_run());
       const auto start = std::chrono::steady_clock::now();
-      const Watch watch = run_frames(some, parameters, may_have_changed);
+      const auto [watch, simulated] = run_frames(some, parameters, may_have_changed);
       if (watch.first_fault != no_fault) {
         // Back to the last good frame: the same frames give the same state again.
         const auto good = static_cast<std::int64_t>(fault_frame(watch.first_fault));
-        flights.add(run_frames(good, parameters, true), dt);
+        for (std::int64_t again = 0; again < good;) {
+          const RunResult part = run_frames(good - again, parameters, true);
+          flights.add(part.watch, dt);
+          again += part.frames;
+        }
         clock.advance(good, dt);
         refuse_fault(watch.first_fault, clock.frame() + 1);
       }
       adapt_frames_at_once(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
       may_have_changed = false;
       flights.add(watch, dt);
-      clock.advance(some, dt);
-      done += some;
+      clock.advance(simulated, dt);
+      done += simulated;
     }
     return frames;
   }
@@ -423,22 +427,22 @@ class EngineOn final : public Engine {
     refuse_value(box(), field, id, found);
   }
 
-  // Runs frames or, when something goes wrong in one of them, none.
-  Watch run_frames(std::int64_t frames, const FrameParameters& parameters, bool may_have_changed) {
+  // Runs frames, or the first of them, or, when something goes wrong in one of them, none.
+  RunResult run_frames(std::int64_t frames, const FrameParameters& parameters, bool may_have_changed) {
     if (has_friction_ || memory_.is_kept()) memory_.resize(count(), words_of_memory());
-    Watch watch = try_frames(frames, parameters, may_have_changed);
-    while (!memory_.had_room(watch)) watch = try_frames(frames, parameters, true);
-    if (watch.first_fault == no_fault) memory_.end_run(watch, frames * options_.iterations);
-    return watch;
+    RunResult result = try_frames(frames, parameters, may_have_changed);
+    while (!memory_.had_room(result.watch)) result = try_frames(frames, parameters, true);
+    if (result.watch.first_fault == no_fault) memory_.end_run(result.watch, result.frames * options_.iterations);
+    return result;
   }
 
   std::uint32_t words_of_memory() const { return options_.rolling_friction > 0.0f ? 2 : 1; }
 
-  Watch try_frames(std::int64_t frames, FrameParameters parameters, bool may_have_changed) {
+  RunResult try_frames(std::int64_t frames, FrameParameters parameters, bool may_have_changed) {
     are_lists_behind_ = are_lists_behind_ || may_have_changed;
     if (is_small(parameters)) {
       are_lists_behind_ = true;
-      return small_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), timer);
+      return {small_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), timer), frames};
     }
     if (sorts_by_levels()) return run_by_levels(frames, parameters);
     if (frames_by_levels_ > 0) {
@@ -451,17 +455,17 @@ class EngineOn final : public Engine {
       }
     }
     if (makes_lists_for_each_frame()) {
-      const std::optional<Watch> watch =
+      const std::optional<RunResult> result =
           frame_runs_.run(parameters, frames, largest_radius_, body_arrays(), count(), memory_, timer);
       are_lists_behind_ = true;
       plan_levels();
-      if (watch) return *watch;
+      if (result) return *result;
     }
     if (mends_lists()) {
       const std::optional<Watch> watch =
           listed_.run(parameters, frames, are_lists_behind_, largest_radius_, body_arrays(), count(), memory_, timer);
       are_lists_behind_ = false;
-      if (watch) return *watch;
+      if (watch) return {*watch, frames};
     }
     if (options_.method == Method::automatic) return run_by_levels(frames, parameters);
     are_lists_behind_ = true;
@@ -475,7 +479,7 @@ class EngineOn final : public Engine {
     }
     backend_.copy_to_host(&watch, static_cast<const Watch*>(scratch_.watch.data()), 1);
     if (watch.first_fault != no_fault) restore_state();
-    return watch;
+    return {watch, frames};
   }
 
   bool is_small(const FrameParameters& parameters) {
@@ -502,10 +506,10 @@ class EngineOn final : public Engine {
     return options_.method != Method::cells && !(options_.method == Method::automatic && B::has_whole_grid);
   }
 
-  Watch run_by_levels(std::int64_t frames, const FrameParameters& parameters) {
+  RunResult run_by_levels(std::int64_t frames, const FrameParameters& parameters) {
     frames_by_levels_ -= frames;
     are_lists_behind_ = true;
-    return level_runs_->run(parameters, frames, levels_, radii_, body_arrays(), count(), memory_, timer);
+    return {level_runs_->run(parameters, frames, levels_, radii_, body_arrays(), count(), memory_, timer), frames};
   }
 
   // Where lists for each frame do not save the search, to search in each pass is sooner done for a spell; then one

@@ -20,11 +20,13 @@ class FrameRuns {
  public:
   explicit FrameRuns(B& backend) : backend_(backend) {}
 
-  // Runs frames on the bodies, counted from 0 in what is told of them; after a fault the bodies are as before, and also
-  // where nothing is returned: some sphere has so many near it that lists are no way to keep them.
-  std::optional<Watch> run(const FrameParameters& frame, std::int64_t frames, float largest_radius,
-                           const BodyArrays& bodies, std::int64_t count, ContactMemory<B>& memory, StageTimer& timer) {
-    if (frames == 0) return Watch{};
+  // Runs frames on the bodies, counted from 0 in what is told of them, or the first of them where spheres begin to pile
+  // up; after a fault the bodies are as before, and also where nothing is returned: some sphere has so many near it
+  // that lists are no way to keep them.
+  std::optional<RunResult> run(const FrameParameters& frame, std::int64_t frames, float largest_radius,
+                               const BodyArrays& bodies, std::int64_t count, ContactMemory<B>& memory,
+                               StageTimer& timer) {
+    if (frames == 0) return RunResult{};
     if (count == crowded_count_) return {};
     FrameWorld world{};
     world.frame = frame;
@@ -48,6 +50,7 @@ class FrameRuns {
     world.strays.coarse = choose_grid_shape(frame.substep.box, 2.0f * largest_radius, 0.0f, count / 4, 0.0f);
     world.strays.passes = static_cast<std::uint32_t>(frame.iterations);
     choose_lanes(count);
+    world.is_watched = !are_few(count);
     const bool may_find_near = is_substep && !are_few(count);
     for (;;) {
       resize(world, is_substep, is_rough);
@@ -55,16 +58,15 @@ class FrameRuns {
       set_pointers(world);
       choose_near_records(world, touched_samples_);
       world.memory = memory.start_run(&control_.data()->watch, frames * frame.iterations).of_pass(0);
-      const FrameControl control = run_once(world, frames, timer);
+      const auto [control, done] = run_once(world, frames, timer);
       count_ = count;
-      const bool had_room = control.longest <= world.lists.places() && control.most_stray_records <= stray_places_;
-      make_room(control, frames);
-      last_stray_records_ = *std::max_element(std::begin(control.stray_records), std::end(control.stray_records));
-      last_void_lists_ = control.void_lists / frames;
+      make_room(control, done);
+      last_strays_ = stray_records_of(control);
+      last_void_lists_ = control.void_lists / done;
       mean_speed_ = control.mean_speed;
       fast_samples_ = control.fast_samples;
       touched_samples_ = control.touched_samples;
-      if (had_room) return control.watch;
+      if (had_room(world, control)) return RunResult{control.watch, done};
       if (count == crowded_count_) return {};
       world.is_new = false;
     }
@@ -72,9 +74,19 @@ class FrameRuns {
 
   // Whether in the last frames so many spheres left their skins, or had no room in their lists, that to search took
   // most of the time.
-  bool had_to_search() const { return last_stray_records_ > count_ / 4 || last_void_lists_ > count_ / 64; }
+  bool had_to_search() const { return has_to_search(last_strays_, last_void_lists_, count_); }
 
  private:
+  static bool has_to_search(std::int64_t strays, std::int64_t void_lists, std::int64_t count) {
+    return strays > count / 4 || void_lists > count / 64;
+  }
+  static std::int64_t stray_records_of(const FrameControl& control) {
+    return *std::max_element(std::begin(control.stray_records), std::end(control.stray_records));
+  }
+  static bool had_room(const FrameWorld& world, const FrameControl& control) {
+    return control.longest <= world.lists.places() && control.most_stray_records <= world.strays.places;
+  }
+
   // A search looks at runs of cells along x: narrow there, so that it looks at little else, and wide across, so that
   // it begins few runs. Of few spheres they are larger, so that there are about four cells for each.
   static GridShape shape_cells(const Box& box, float largest_radius, std::int64_t count) {
@@ -155,7 +167,8 @@ class FrameRuns {
     return frames;
   }
 
-  FrameControl run_once(const FrameWorld& world, std::int64_t frames, StageTimer& timer) {
+  // What the device has told, and how many frames it has simulated.
+  std::pair<FrameControl, std::int64_t> run_once(const FrameWorld& world, std::int64_t frames, StageTimer& timer) {
     FrameControl control{};
     control.next_drift = drift_;
     control.touched_samples = touched_samples_;
@@ -163,14 +176,21 @@ class FrameRuns {
     backend_.fill_zero(stray_words_.data(), stray_words_.size());
     FrameWorld running = world;
     auto run = runner_.run(backend_, timer, 1u << lane_bits_, world.shares_pairs);
+    std::uint32_t void_lists = 0;
+    const auto goes_on = [&](const FrameControl& found) {
+      const std::int64_t new_void_lists = found.void_lists - std::exchange(void_lists, found.void_lists);
+      return found.watch.first_fault == no_fault && found.watch.memory_wanted.now == 0 && had_room(world, found) &&
+             !has_to_search(stray_records_of(found), new_void_lists / frames_to_look, world.count);
+    };
+    std::int64_t done = 0;
     call_for_world(world.state.spins != nullptr, world.frame.substep.box, [&]<bool is_rough, bool has_walls>() {
-      simulate_frames_by_their_lists<is_rough, has_walls>(run, running, frames);
+      done = simulate_frames_by_their_lists<is_rough, has_walls>(run, running, frames, goes_on);
     });
     // Which of the two copies holds what.
     if (running.mass_ids != world.mass_ids) std::swap(mass_ids_, other_mass_ids_);
     backend_.copy_to_host(&control, std::as_const(control_).data(), 1);
     drift_ = control.next_drift;
-    return control;
+    return {control, done};
   }
 
   static std::uint32_t lane_bits_for(std::int64_t count) {
@@ -324,7 +344,7 @@ class FrameRuns {
   B& backend_;
   FrameRunner<B> runner_;
   std::int64_t count_ = 0;
-  std::int64_t last_stray_records_ = 0, last_void_lists_ = 0;  // of a frame
+  std::int64_t last_strays_ = 0, last_void_lists_ = 0;         // of a frame; strays as records
   Vec3 drift_{0, 0, 0};                                        // mean velocity of the last frame [m/s]
   float mean_speed_ = std::numeric_limits<float>::infinity();  // beside it [m/s]
   std::uint32_t fast_samples_ = 0;

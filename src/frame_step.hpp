@@ -24,6 +24,7 @@ struct FrameWorld {
   std::uint32_t frames_of_lists;  // in which they are kept
   std::int64_t count;
   bool is_new;        // slots that hold nothing yet
+  bool is_watched;    // what the device finds is looked at now and then
   bool shares_pairs;  // rough, and where four lanes have a sphere they share the pairs of their warp
   BodyArrays bodies;
   SlotState state, other_state;
@@ -201,7 +202,7 @@ inline void choose_near_records(FrameWorld& world, std::int64_t touched) {
   const bool is_rough = world.state.spins != nullptr, pays = is_rough ? 8 * touched < 7 * all : 3 * touched < all;
   world.near_records = pays ? world.room_for_records : nullptr;
 }
-inline constexpr std::int64_t frames_to_look = 16;  // whether it pays
+inline constexpr std::int64_t frames_to_look = 16;  // whether that pays, and whether lists do
 
 inline FindNear find_near(const FrameWorld& world, std::uint32_t pass) {
   const SoftContactLaw& law = world.frame.substep.law;
@@ -274,8 +275,10 @@ void simulate_frames_of_lists(Run& run, FrameWorld& world, std::uint32_t frames,
   run_pass<is_rough, has_walls>(run, world, passes - 1, world.to_next_frame(is_last));
 }
 
-template <bool is_rough, bool has_walls, class Run>
-void simulate_frames_by_their_lists(Run& run, FrameWorld& world, std::int64_t frames) {
+// Asks goes_on(control) every 16 frames, and ends where it is false: fewer by an even number then, as what contacts
+// remember is written to two copies in turn. Returns how many frames have been simulated.
+template <bool is_rough, bool has_walls, class Run, class GoesOn>
+std::int64_t simulate_frames_by_their_lists(Run& run, FrameWorld& world, std::int64_t frames, const GoesOn& goes_on) {
   ToNextFrame first = world.to_next_frame(false);
   first.to = world.state;
   run.for_each(Stage::load, world.count, LoadInto<ToNextFrame>{world.is_new, world.bodies, world.mass_ids, first});
@@ -287,20 +290,29 @@ void simulate_frames_by_their_lists(Run& run, FrameWorld& world, std::int64_t fr
   const std::int64_t alone = is_rough && frames > 1 ? 1 : 0;
   if (alone > 0) simulate(1, false);
   const std::int64_t spells = (frames - alone - 1) / world.frames_of_lists;
-  // How few are touched may change within a run.
-  const std::int64_t most = world.room_for_records != nullptr ? frames_to_look / world.frames_of_lists : spells;
-  for (std::int64_t done = 0; done < spells; done += most) {
-    if (done > 0 && world.room_for_records != nullptr) {
-      choose_near_records(world, run.read(&world.control->touched_samples));
+  const std::int64_t most = world.is_watched ? frames_to_look / world.frames_of_lists : spells;
+  std::int64_t done = alone;
+  for (std::int64_t spell = 0; spell < spells; spell += most) {
+    if (spell > 0) {
+      const FrameControl found = run.read(world.control);
+      if (!goes_on(found)) {
+        frames = done + 2 - (frames - done) % 2;
+        break;
+      }
+      choose_near_records(world, found.touched_samples);
     }
-    run.repeat(world, std::min(most, spells - done), [&] { simulate(world.frames_of_lists, false); });
+    const std::int64_t some = std::min(most, spells - spell);
+    run.repeat(world, some, [&] { simulate(world.frames_of_lists, false); });
+    done += some * world.frames_of_lists;
   }
-  simulate(static_cast<std::uint32_t>(frames - alone - spells * world.frames_of_lists), true);
+  for (; done + world.frames_of_lists < frames; ++done) simulate(1, false);
+  simulate(static_cast<std::uint32_t>(frames - done), true);
   run.for_each(Stage::store, world.count,
                StoreFrameBodies{{world.state, world.mass_ids, world.bodies},
                                 world.control,
                                 world.lists.rows << world.lists.lane_bits,
                                 world.strays.places});
+  return frames;
 }
 
 }  // namespace fastcollide

@@ -341,6 +341,24 @@ def test_more_neighbors_than_lists_can_hold(device, solver):
     assert_equal_steps(worlds, (1, 1), 1e-4)
 
 
+@pytest.mark.parametrize("iterations", [4, 5])
+def test_spheres_that_pile_up_within_a_call(device, iterations):
+    """A run of frames with lists of their own ends as soon as most spheres leave their skins, after an odd or an even
+    number of passes; what rough contacts remember goes on."""
+    bounds = ((0, 0, 0), (4, 4, 40))
+    count = 140_000 if device == "cuda" else 1500
+    size = (140_000 / count) ** (1 / 3)  # with as many for a GPU to take a sphere with one lane
+    spheres = rough(fc.random_spheres(count, ((0, 0, 20), (4, 4, 40)), seed=21, radius=(0.02 * size, 0.04 * size)))
+    spheres.velocity[:] = (0, 0, -18)
+    worlds = [
+        fc.World(bounds, device=device, method=method, iterations=iterations) for method in ("cells", "frame", "auto")
+    ]
+    for world in worlds:
+        world.add(spheres)
+    assert_equal_steps(worlds, (40, 71, 50))
+    assert assert_equal_memory(worlds) > count // 2
+
+
 @pytest.mark.parametrize("between", ["look", "add"])
 def test_frames_go_on_after_other_work(device, solver, between):
     """On a GPU frames are recorded with the addresses that they use; other work may move them, or need more of them."""
