@@ -96,12 +96,12 @@ Limits limits() {
   // By cells, the copy of positions and velocities that a failed frame goes back to.
   constexpr std::int64_t kept = 2 * sizeof(Vec3) + sizeof(float);
   // By lists, see FrameRuns: two copies of the slots, where lists were made, lists with a chunk for each 16th sphere,
-  // and room for as many strays as spheres. Records of who is near are left out, as worlds do without where memory has
-  // no room for them.
+  // and room for twice as many strays as spheres. Records of who is near are left out, as worlds do without where
+  // memory has no room for them.
   constexpr std::int64_t copies = 2 * (2 * sizeof(Vec4) + sizeof(float) + sizeof(MassId));
   constexpr std::int64_t start = sizeof(Vec4) + sizeof(std::uint32_t);
   constexpr std::int64_t list =
-      (2 + FrameLists::rows_of_many + FrameLists::chunk_places / 16) * sizeof(std::uint32_t) + 2 * sizeof(StrayRecord);
+      (2 + FrameLists::rows_of_many + FrameLists::chunk_places / 16) * sizeof(std::uint32_t) + 4 * sizeof(StrayRecord);
   // And three copies of what contacts remember, without rolling resistance, with a place in a table for every sphere.
   constexpr std::int64_t in_table = sizeof(MemoryWord) + sizeof(std::uint64_t);
   constexpr std::int64_t remembered = sizeof(MemoryRow) + places_in_row * sizeof(MemoryWord) + in_table;

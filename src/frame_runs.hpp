@@ -78,7 +78,7 @@ class FrameRuns {
 
  private:
   static bool has_to_search(std::int64_t strays, std::int64_t void_lists, std::int64_t count) {
-    return strays > count / 4 || void_lists > count / 64;
+    return strays > count / 8 || void_lists > count / 64;
   }
   static std::int64_t stray_records_of(const FrameControl& control) {
     return *std::max_element(std::begin(control.stray_records), std::end(control.stray_records));
@@ -234,8 +234,8 @@ class FrameRuns {
       resize_anew(chunk_entries_, chunks_ * FrameLists::chunk_places);
     }
     const GridShape& coarse = world.strays.coarse;
-    // Where many pile up each may be a stray, and more room for them later means to run the frames again.
-    const std::int64_t strays = are_few(count) ? count / 8 : count <= 128 * few ? count : count / 2;
+    // Where many pile up each may be a stray, some with two records, and more room later means to run the frames again.
+    const std::int64_t strays = are_few(count) ? count / 8 : count <= 128 * few ? 2 * count : count / 2;
     stray_places_ = std::max<std::uint32_t>(stray_places_, static_cast<std::uint32_t>(1024 + strays));
     stray_heads_ = std::int64_t(coarse.x.cells) * coarse.y.cells * coarse.z.cells;
     helped_strays_ = helped_strays_of(count, is_substep);

@@ -250,11 +250,11 @@ struct SortedSlots {
   FC_HOST_DEVICE float search_range(Vec4 ball) const { return ball.w + law.reach + law.largest_radius + law.thickest; }
 };
 
-// Calls visit(slot, ball) for the slots in the cells that are no farther than `range` from a position; rows of cells
+// Calls visit_run(slot, end) for the slots in the cells that are no farther than `range` from a position; rows of cells
 // are shared among the lanes. Cells count along x first: those of a row are one run, or two where the row goes round.
-template <std::uint32_t at_once = 1, class Visit>
-FC_HOST_DEVICE inline void visit_sorted(const SortedSlots& sorted, Vec3 position, float range, Lane lane,
-                                        Visit& visit) {
+template <class VisitRun>
+FC_HOST_DEVICE inline void visit_sorted_runs(const SortedSlots& sorted, Vec3 position, float range, Lane lane,
+                                             const VisitRun& visit_run) {
   const GridShape& shape = sorted.shape;
   const CellRange ys = cells_within(position.y, range, shape.y), zs = cells_within(position.z, range, shape.z);
   const CellDistances y_distances(position.y, ys, shape.y), z_distances(position.z, zs, shape.z);
@@ -269,24 +269,33 @@ FC_HOST_DEVICE inline void visit_sorted(const SortedSlots& sorted, Vec3 position
       const CellRange xs = cells_within(position.x, rough_square_root(left), shape.x);
       const int inside = xs.first + xs.count <= shape.x.cells ? xs.count : shape.x.cells - xs.first;
       const std::uint32_t row = cell_hash({0, cell_in_range(ys, y, shape.y), cell_in_range(zs, z, shape.z)}, shape);
-      const auto visit_run = [&](int first, int cells) {
+      const auto visit_cells = [&](int first, int cells) {
         const std::uint32_t end = sorted.cell_end[row + static_cast<std::uint32_t>(first + cells - 1)];
-        std::uint32_t slot = sorted.cell_start[row + static_cast<std::uint32_t>(first)];
-        for (; slot < end; slot += at_once) {
-          Vec4 balls[at_once];
-          FC_UNROLL
-          for (std::uint32_t k = 0; k < at_once; ++k) balls[k] = sorted.balls[slot + k < end ? slot + k : slot];
-          FC_UNROLL
-          for (std::uint32_t k = 0; k < at_once; ++k) {
-            if (k == 0 || slot + k < end) visit(slot + k, balls[k]);
-          }
-        }
+        visit_run(sorted.cell_start[row + static_cast<std::uint32_t>(first)], end);
       };
-      visit_run(xs.first, inside);
-      if (shape.x.boundary != Boundary::wall && inside < xs.count) visit_run(0, xs.count - inside);
+      visit_cells(xs.first, inside);
+      if (shape.x.boundary != Boundary::wall && inside < xs.count) visit_cells(0, xs.count - inside);
     }
     y += lane.count;
   }
+}
+
+// Calls visit(slot, ball) for each of them.
+template <std::uint32_t at_once = 1, class Visit>
+FC_HOST_DEVICE inline void visit_sorted(const SortedSlots& sorted, Vec3 position, float range, Lane lane,
+                                        Visit& visit) {
+  const auto visit_run = [&](std::uint32_t slot, std::uint32_t end) {
+    for (; slot < end; slot += at_once) {
+      Vec4 balls[at_once];
+      FC_UNROLL
+      for (std::uint32_t k = 0; k < at_once; ++k) balls[k] = sorted.balls[slot + k < end ? slot + k : slot];
+      FC_UNROLL
+      for (std::uint32_t k = 0; k < at_once; ++k) {
+        if (k == 0 || slot + k < end) visit(slot + k, balls[k]);
+      }
+    }
+  };
+  visit_sorted_runs(sorted, position, range, lane, visit_run);
 }
 
 // Entries that one of several lanes has found, until it asks for places in the list of its sphere: once for many.
@@ -342,17 +351,41 @@ struct RecordFrameLists {
     } else {
       std::uint32_t* place = lists.of_lane(slot, 0);
       std::uint32_t found = 0, chunk = 0;
-      auto record = [&](std::uint32_t other, Vec4 there) {
-        if (!are_listed(self, there, period, sorted.law.reach) || other == slot) return;
-        if (found == lists.rows) {
-          chunk = lists.take_chunk(control);
-          if (chunk > 0) place = lists.entries_of_chunk(chunk);
+      const auto record_far = [&](std::uint32_t other) {  // where the rows end
+        if (found < lists.rows) {
+          *place = other;
+          place += lists.stride();
+        } else {
+          if (found == lists.rows) chunk = lists.take_chunk(control);
+          const std::uint32_t beyond = found - lists.rows;
+          if (chunk > 0 && beyond < FrameLists::chunk_places) lists.entries_of_chunk(chunk)[beyond] = other;
         }
-        if (found < lists.rows || (chunk > 0 && found < lists.rows + FrameLists::chunk_places)) *place = other;
-        place += found < lists.rows ? lists.stride() : 1;
         ++found;
       };
-      visit_sorted<2>(sorted, position, range, Lane{}, record);
+      // Two at a time, so that they are asked for at once and whether there is room is, too.
+      const auto record_run = [&](std::uint32_t first, std::uint32_t end) {
+        for (; first < end; first += 2) {
+          const std::uint32_t slots[2] = {first, first + 1 < end ? first + 1 : slot};
+          const Vec4 balls[2] = {sorted.balls[slots[0]], sorted.balls[slots[1]]};
+          const auto is_in_list = [&](int k) {
+            return are_listed(self, balls[k], period, sorted.law.reach) && slots[k] != slot;
+          };
+          if (found + 2 <= lists.rows) {
+            FC_UNROLL
+            for (int k = 0; k < 2; ++k) {
+              if (!is_in_list(k)) continue;
+              *place = slots[k];
+              place += lists.stride();
+              ++found;
+            }
+          } else {
+            for (int k = 0; k < 2; ++k) {
+              if (is_in_list(k)) record_far(slots[k]);
+            }
+          }
+        }
+      };
+      visit_sorted_runs(sorted, position, range, Lane{}, record_run);
       lists.counts[slot] = found;
       if (found <= lists.rows) return;
       lists.chunk_of_slot[slot] = chunk;
