@@ -345,10 +345,10 @@ def test_more_neighbors_than_lists_can_hold(device, solver):
 def test_spheres_that_pile_up_within_a_call(device, iterations):
     """A run of frames with lists of their own ends as soon as most spheres leave their skins, after an odd or an even
     number of passes; what rough contacts remember goes on."""
-    bounds = ((0, 0, 0), (4, 4, 40))
-    count = 140_000 if device == "cuda" else 1500
-    size = (140_000 / count) ** (1 / 3)  # with as many for a GPU to take a sphere with one lane
-    spheres = rough(fc.random_spheres(count, ((0, 0, 20), (4, 4, 40)), seed=21, radius=(0.02 * size, 0.04 * size)))
+    count = 140_000 if device == "cuda" else 1500  # on a GPU, so many that a sphere has one lane
+    edge = 4 * (count / 1500) ** 0.5
+    bounds = ((0, 0, 0), (edge, edge, 40))
+    spheres = rough(fc.random_spheres(count, ((0, 0, 20), (edge, edge, 40)), seed=21, radius=(0.09, 0.18)))
     spheres.velocity[:] = (0, 0, -18)
     worlds = [
         fc.World(bounds, device=device, method=method, iterations=iterations) for method in ("cells", "frame", "auto")
