@@ -430,8 +430,12 @@ class EngineOn final : public Engine {
   // Runs frames, or the first of them, or, when something goes wrong in one of them, none.
   RunResult run_frames(std::int64_t frames, const FrameParameters& parameters, bool may_have_changed) {
     if (has_friction_ || memory_.is_kept()) memory_.resize(count(), words_of_memory());
+    const std::int64_t planned_by_levels = frames_by_levels_;
     RunResult result = try_frames(frames, parameters, may_have_changed);
-    while (!memory_.had_room(result.watch)) result = try_frames(frames, parameters, true);
+    while (!memory_.had_room(result.watch)) {
+      frames_by_levels_ = std::max(frames_by_levels_, planned_by_levels);  // those by levels once more so
+      result = try_frames(frames, parameters, true);
+    }
     if (result.watch.first_fault == no_fault) memory_.end_run(result.watch, result.frames * options_.iterations);
     return result;
   }
