@@ -26,9 +26,10 @@ CURVES = (
 
 
 def read_results(results: Path = RESULTS) -> dict:
-    """Rows of each machine and device: {("nvidia-h200", "cuda:0"): [{column: text}, ...]}."""
+    """Rows of each machine and device, from one run or several (bench.csv, bench_large.csv):
+    {("nvidia-h200", "cuda:0"): [{column: text}, ...]}."""
     found = {}
-    for path in sorted(results.glob("*/bench.csv")):
+    for path in sorted(results.glob("*/bench*.csv")):
         with path.open(encoding="utf-8", newline="") as file:
             for row in csv.DictReader(file):
                 found.setdefault((path.parent.name, row["device"]), []).append(row)
