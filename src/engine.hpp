@@ -433,7 +433,7 @@ class EngineOn final : public Engine {
     const std::int64_t planned_by_levels = frames_by_levels_;
     RunResult result = try_frames(frames, parameters, may_have_changed);
     while (!memory_.had_room(result.watch)) {
-      frames_by_levels_ = std::max(frames_by_levels_, planned_by_levels);  // those by levels once more so
+      frames_by_levels_ = std::max(frames_by_levels_, planned_by_levels);  // by levels again, if it was
       result = try_frames(frames, parameters, true);
     }
     if (result.watch.first_fault == no_fault) memory_.end_run(result.watch, result.frames * options_.iterations);

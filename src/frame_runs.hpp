@@ -50,7 +50,6 @@ class FrameRuns {
     world.strays.coarse = choose_grid_shape(frame.substep.box, 2.0f * largest_radius, 0.0f, count / 4, 0.0f);
     world.strays.passes = static_cast<std::uint32_t>(frame.iterations);
     choose_lanes(count);
-    world.is_watched = !are_few(count);
     const bool may_find_near = is_substep && !are_few(count);
     for (;;) {
       resize(world, is_substep, is_rough);

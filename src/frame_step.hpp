@@ -24,7 +24,6 @@ struct FrameWorld {
   std::uint32_t frames_of_lists;  // in which they are kept
   std::int64_t count;
   bool is_new;        // slots that hold nothing yet
-  bool is_watched;    // what the device finds is looked at now and then
   bool shares_pairs;  // rough, and where four lanes have a sphere they share the pairs of their warp
   BodyArrays bodies;
   SlotState state, other_state;
@@ -290,7 +289,9 @@ std::int64_t simulate_frames_by_their_lists(Run& run, FrameWorld& world, std::in
   const std::int64_t alone = is_rough && frames > 1 ? 1 : 0;
   if (alone > 0) simulate(1, false);
   const std::int64_t spells = (frames - alone - 1) / world.frames_of_lists;
-  const std::int64_t most = world.is_watched ? frames_to_look / world.frames_of_lists : spells;
+  // Few spheres, which lanes share, go on as they began.
+  const bool is_watched = world.lists.lane_bits == 0;
+  const std::int64_t most = is_watched ? frames_to_look / world.frames_of_lists : spells;
   std::int64_t done = alone;
   for (std::int64_t spell = 0; spell < spells; spell += most) {
     if (spell > 0) {

@@ -58,13 +58,22 @@ SUBSTEP = {"solver": "substep", "method": "list", "ms": 4.0, "times_yardstick": 
 STAGES = {"build_grid": 1.0, "make_lists": 2.0, "gather_contacts": 4.0, "apply_contacts": 5.0}
 
 
-def write_results(folder, *changes):
-    folder.mkdir()
+def write_results(folder, *changes, name="bench.csv"):
+    folder.mkdir(exist_ok=True)
     lines = [bench_report.csv_row(Row(**{**vars(ROW), **change}), "a note") for change in changes]
-    with (folder / "bench.csv").open("w", encoding="utf-8", newline="") as file:
+    with (folder / name).open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, lines[0])
         writer.writeheader()
         writer.writerows(lines)
+
+
+def test_runs_of_one_machine_share_its_table(draw_performance, tmp_path):
+    write_results(tmp_path / "machine", {})
+    write_results(tmp_path / "machine", {"spheres": 30_000, "repeats": 1}, name="bench_large.csv")
+    text = draw_performance.tables(draw_performance.read_results(tmp_path))
+    assert text.count("### ") == 1
+    assert "medians of 1 to 5 repeats" in text
+    assert "| 30,000 |" in text
 
 
 def test_a_table_has_the_figures_of_its_csv(draw_performance, tmp_path):
